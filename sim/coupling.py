@@ -1,0 +1,154 @@
+"""Coupling: Buoyancy writes the water's wrenches into a model's `xfrc_applied`.
+
+MuJoCo calls `mjcb_passive` inside every `mj_forward`, after kinematics and before
+dynamics: what is written there acts in the same step, and at every stage of RK4. That callback
+is one for the whole process and sees every model, so it is set only inside a `with` block.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import perf_counter
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.methods import METHODS, Method
+from sim.mjcf import read_model
+from sim.sea import Sea
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Float:
+    """A hull that floats: its name, its body's id, and the method that knows its wrench; the
+    method's hull is given in the body's inertial frame (xipos, ximat)."""
+
+    name: str
+    body: int
+    method: Method
+
+
+class Buoyancy:
+    """The water's push on the hulls of one model.
+
+        buoyancy = Buoyancy.from_model(model)
+        with buoyancy.installed():
+            mujoco.mj_step(model, data)
+
+    or, without the callback, `buoyancy.apply(model, data)` before each step (the same to the
+    bit, except under RK4, whose inner stages only the callback sees).
+
+    The rows of `xfrc_applied` that belong to `bodies` are overwritten each time; to push such a
+    body yourself use `qfrc_applied`. All other rows are left alone. Geoms' frames are read
+    once, when the object is made.
+
+    sea: what they float in; floats: the hulls; bodies: (B,) ids of their bodies, each once;
+    float_bodies: (H,) for each hull its place in `bodies`; calls, seconds: how often
+    wrenches were written and the wall time that took.
+    """
+
+    def __init__(self, model: mujoco.MjModel, sea: Sea, floats: Sequence[Float]) -> None:
+        self.model = model
+        self.sea = sea
+        self.floats = tuple(floats)
+        self.bodies, self.float_bodies = np.unique(
+            [f.body for f in self.floats], return_inverse=True
+        )
+        self.calls = 0
+        self.seconds = 0.0
+        self._data: mujoco.MjData | None = None
+        self._rows: list[tuple[Array, Array, Array, list[Method]]] = []
+
+    @classmethod
+    def from_model(
+        cls, model: mujoco.MjModel, method: str | None = None, tolerance: float | None = None
+    ) -> "Buoyancy":
+        """Read the model's custom fields (see `sim.mjcf`); `method` overrules them for all geoms
+        and `tolerance` [m of water height] for the methods that take one. Raises ValueError
+        that names the element at fault."""
+        settings = read_model(model, method, tolerance)
+        floats = [
+            Float(geom.name, geom.body, METHODS[geom.method](geom.hull, settings.sea))
+            for geom in settings.geoms
+        ]
+        return cls(model, settings.sea, floats)
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of `bodies`; 'body <id>' for one without a name."""
+        return tuple(self.model.body(b).name or f"body {b}" for b in self.bodies)
+
+    def apply(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Write the wrenches for the state in `data`; call it before each `mj_step`.
+
+        Updates the kinematics first, which `mj_step` leaves one step behind. Raises ValueError
+        for another model than the one this was made for.
+        """
+        if model is not self.model:
+            raise ValueError(
+                "this Buoyancy was made for another model; make one with Buoyancy.from_model(model)"
+            )
+        mujoco.mj_kinematics(model, data)
+        self._write(data)
+
+    @contextmanager
+    def installed(self) -> Iterator["Buoyancy"]:
+        """Be MuJoCo's passive callback inside a `with` block.
+
+        What was installed before is called first, so blocks nest, and is restored in any case.
+        The rows written are set to zero at the end. Compile models outside: MuJoCo's compiler
+        calls back too and fails with a Python callback set.
+        """
+        previous = mujoco.get_mjcb_passive()
+        written: dict[int, mujoco.MjData] = {}
+
+        def callback(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+            if previous is not None:
+                previous(model, data)
+            if model is self.model:
+                written[id(data)] = data
+                self._write(data)
+
+        mujoco.set_mjcb_passive(callback)
+        try:
+            yield self
+        finally:
+            mujoco.set_mjcb_passive(previous)
+            for data in written.values():
+                data.xfrc_applied[self.bodies] = 0.0
+
+    def wrenches(self, data: mujoco.MjData) -> Array:
+        """Wrench of every hull, (H, 6) [N, N m], world axes, torque about its body's centre of
+        mass, for the kinematics as they stand in `data`. Writes nothing."""
+        wrenches = np.empty((len(self.floats), 6))
+        for wrench, f in zip(wrenches, self.floats, strict=True):
+            wrench[:] = f.method.wrench(data.xipos[f.body], data.ximat[f.body], data.time)
+        return wrenches
+
+    def _bind(self, data: mujoco.MjData) -> None:
+        """Keep views of the arrays of `data`: asking for them anew costs more than using them."""
+        self._data = data
+        self._rows = [
+            (
+                data.xfrc_applied[body],
+                data.xipos[body],
+                data.ximat[body].reshape(3, 3),
+                [f.method for f in self.floats if f.body == body],
+            )
+            for body in self.bodies
+        ]
+
+    def _write(self, data: mujoco.MjData) -> None:
+        started = perf_counter()
+        if data is not self._data:
+            self._bind(data)
+        time = data.time
+        for row, position, rotation, (first, *others) in self._rows:
+            row[:] = first.wrench(position, rotation, time)
+            for method in others:
+                row += method.wrench(position, rotation, time)
+        self.calls += 1
+        self.seconds += perf_counter() - started

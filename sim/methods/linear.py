@@ -1,0 +1,186 @@
+"""Linear: one elevation a vertex, heads linear over each triangle, straight clip.
+
+The closed form of a triangle (see `triangle`) is linear in its three heads. Summed over a
+mesh, each vertex v therefore has a fixed weight in force and torque,
+
+    A_v = sum over its triangles of S / 3
+    B_v = sum over its triangles of (a + b + c + v) / 12 x S,
+
+known in the body frame once and for all. A step is then: the heads of all
+vertices, the sum of e_v (A_v, B_v) over the wet ones, and for each triangle that the
+water cuts the part that the clip takes away. Only that last part looks at triangles.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.gerstner import kernel, solve_heights
+from sim.hull import Hull
+from sim.sea import Sea
+from sim.triangle import clip_dry_part, cross
+
+Array = NDArray[np.float64]
+
+
+class Linear:
+    """Wrench of a hull in a sea by the straight clip; the baseline of all methods.
+
+    Exact to round-off where the surface is flat. In waves the surface is replaced by its
+    linear interpolation over every triangle, so the error falls with the square of the
+    triangles' size. Stateless: calls may come from several threads.
+    """
+
+    def __init__(self, hull: Hull, sea: Sea) -> None:
+        self.hull = hull
+        self.sea = sea
+        self._weights = _vertex_weights(hull)
+        self._longest_edge = _longest_edge(hull)
+
+    def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
+        """Force [N] and torque [N m] about the position, world axes: (6,).
+
+        position: (3,) [m], the hull frame's origin in the world; rotation: (3, 3) or (9,),
+        hull -> world; time [s].
+        """
+        out = np.empty(6)
+        linear_wrench(
+            self.hull.vertices,
+            self.hull.faces,
+            self.hull.area_vectors,
+            self.hull.bounds,
+            self._weights,
+            self._longest_edge,
+            self.sea.components,
+            self.sea.residual_tolerance,
+            self.sea.level,
+            self.sea.amplitude,
+            np.asarray(position, dtype=float),
+            np.asarray(rotation, dtype=float).reshape(3, 3),
+            time,
+            out,
+        )
+        out *= -self.sea.density * self.sea.gravity
+        return out
+
+
+def _vertex_weights(hull: Hull) -> Array:
+    """(V, 6): A_v [m^2] and B_v [m^3] of the module's docstring, body frame."""
+    corners = hull.vertices[hull.faces]
+    area = hull.area_vectors
+    weights = np.zeros((len(hull.vertices), 6))
+    for corner in range(3):
+        arm = (corners.sum(axis=1) + corners[:, corner]) / 12.0
+        share = np.hstack([area / 3.0, np.cross(arm, area)])
+        np.add.at(weights, hull.faces[:, corner], share)
+    return weights
+
+
+def _longest_edge(hull: Hull) -> float:
+    corners = hull.vertices[hull.faces]
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+
+
+@kernel
+def heads_at_vertices(
+    vertices, reach, components, tolerance, level, amplitude, position, rotation, time, heads
+):
+    """Heads (V,) [m] of the vertices and how many of them are wet.
+
+    A vertex higher above the highest crest than an edge is long (reach [m]) touches no triangle
+    that the water could: it gets the head below that crest and no elevation is solved.
+    """
+    count = vertices.shape[0]
+    x, y, heights = np.empty(count), np.empty(count), np.empty(count)
+    chosen = np.empty(count, np.int64)
+    r = rotation
+    active = 0
+    for v in range(count):
+        bx, by, bz = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+        z = position[2] + (r[2, 0] * bx + r[2, 1] * by + r[2, 2] * bz) - level
+        heads[v] = amplitude - z
+        x[active] = position[0] + (r[0, 0] * bx + r[0, 1] * by + r[0, 2] * bz)
+        y[active] = position[1] + (r[1, 0] * bx + r[1, 1] * by + r[1, 2] * bz)
+        chosen[active] = v
+        active += not heads[v] < -reach
+    solve_heights(x[:active], y[:active], components, time, tolerance, heights[:active])
+    wet = 0
+    for i in range(active):
+        v = chosen[i]
+        heads[v] += heights[i] - amplitude
+        wet += not heads[v] <= 0.0
+    return wet
+
+
+@kernel
+def subtract_dry_parts(vertices, faces, area_vectors, heads, out):
+    """Take from the sums over wet vertices, out (6,), what the clip removes from cut triangles."""
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        wet_a, wet_b, wet_c = heads[a] > 0.0, heads[b] > 0.0, heads[c] > 0.0
+        if wet_a == wet_b and wet_b == wet_c:
+            continue
+        if wet_a == wet_c:  # b is the odd corner
+            a, b, c = b, c, a
+        elif wet_a == wet_b:  # c is
+            a, b, c = c, a, b
+        va, vb, vc = vertices[a], vertices[b], vertices[c]
+        share, mx, my, mz = clip_dry_part(
+            va[0], va[1], va[2], vb[0], vb[1], vb[2], vc[0], vc[1], vc[2],
+            heads[a], heads[b], heads[c],
+        )  # fmt: skip
+        sx, sy, sz = area_vectors[f, 0], area_vectors[f, 1], area_vectors[f, 2]
+        tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
+        out[0] -= share * sx
+        out[1] -= share * sy
+        out[2] -= share * sz
+        out[3] -= tx
+        out[4] -= ty
+        out[5] -= tz
+
+
+@kernel
+def sum_wet_body_frame(vertices, faces, area_vectors, weights, heads, wet, out):
+    """Sum (6,) over - density gravity into out, body frame, from the heads of all vertices."""
+    # A uniform head on a closed surface adds nothing. Deep under water taking it off
+    # keeps the sum free of the round-off of large numbers that cancel.
+    datum = heads[0] if wet == vertices.shape[0] else 0.0
+    for v in range(vertices.shape[0]):
+        head = heads[v] - datum if not heads[v] <= 0.0 else 0.0
+        for j in range(6):
+            out[j] += head * weights[v, j]
+    if wet < vertices.shape[0]:
+        subtract_dry_parts(vertices, faces, area_vectors, heads, out)
+
+
+@kernel
+def lowest_height(bounds, position, rotation):
+    """Height [m] that no point of a box turned into the world lies below."""
+    height = position[2]
+    for j in range(3):
+        height += min(rotation[2, j] * bounds[0, j], rotation[2, j] * bounds[1, j])
+    return height
+
+
+@kernel
+def linear_wrench(
+    vertices, faces, area_vectors, bounds, weights, longest_edge,
+    components, tolerance, level, amplitude,
+    position, rotation, time, out,
+):  # fmt: skip
+    """Wrench (6,) over - density gravity into out, world axes, torque about the position."""
+    out[:] = 0.0
+    if lowest_height(bounds, position, rotation) > level + amplitude:
+        return
+    heads = np.empty(vertices.shape[0])
+    wet = heads_at_vertices(
+        vertices, longest_edge, components, tolerance, level, amplitude, position, rotation, time,
+        heads,
+    )  # fmt: skip
+    if wet == 0:
+        return
+    body = np.zeros(6)
+    sum_wet_body_frame(vertices, faces, area_vectors, weights, heads, wet, body)
+    for i in range(3):
+        for j in range(3):
+            out[i] += rotation[i, j] * body[j]
+            out[3 + i] += rotation[i, j] * body[3 + j]

@@ -1,0 +1,337 @@
+"""MJCF: what a compiled model says about water and hulls, and every refusal about a model.
+
+A scene is one MJCF file; what concerns the water stands in its `<custom>` element:
+
+    numeric water_density             kg/m^3                           (1025, sea water)
+    numeric water_level               m                                (0)
+    numeric wave_<name>               amplitude m, wavelength m, heading deg, phase deg
+    text    buoyancy_method           how wrenches are computed        (see sim.methods)
+    text    buoyancy_method_<geom>    the same for one geom
+    numeric buoyancy_tolerance        m of water height, for methods that take one
+    tuple   buoyant                   the geoms whose surface is a hull
+
+Everything else (mass, inertia, joints, initial keyframe, timestep) is MuJoCo's own business.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from sim.hull import Hull
+from sim.methods import METHODS
+from sim.sea import Sea, Wave
+
+SEA_WATER_DENSITY = 1025.0  # kg/m^3, at 15 degrees C and 35 g/kg of salt
+
+OWN_PREFIXES = ("water", "wave", "buoyan")
+"""Custom elements that begin so are ours: one we do not know is a typing error, not ignored."""
+
+SPHERE_SUBDIVISIONS = 3
+"""Of an icosahedron: 1280 faces. The surface lies within 0.3 % of the radius from the true one;
+one more divides that by four and makes four times the faces."""
+
+ROUND_SECTIONS = 64
+"""Sides of a cylinder and a capsule: within 0.15 % of the radius from the true surface."""
+
+GeomType = mujoco.mjtGeom
+
+
+@dataclass(frozen=True)
+class FloatingGeom:
+    """A geom that the water pushes: its name, its body's id, its hull in the body's inertial
+    frame (the frame of xipos, ximat) and the name of the method that computes its wrench."""
+
+    name: str
+    body: int
+    hull: Hull
+    method: str
+
+
+@dataclass(frozen=True)
+class WaterSettings:
+    """All that a model says about water: the sea, the floating geoms and the tolerance
+    [m of water height] of the methods that take one (None: each method's own default)."""
+
+    sea: Sea
+    geoms: tuple[FloatingGeom, ...]
+    tolerance: float | None
+
+
+def read_model(
+    model: mujoco.MjModel, method: str | None = None, tolerance: float | None = None
+) -> WaterSettings:
+    """Read a compiled model; `method` and `tolerance` overrule what it says, for all geoms.
+
+    Raises ValueError that names the element at fault and the remedy.
+    """
+    _check_physics(model)
+    numerics, texts = _own_numerics(model), _own_texts(model)
+    sea = _read_sea(model, numerics)
+    geom_ids = _buoyant_geoms(model)
+    methods = _read_methods(model, texts, geom_ids, method)
+    geoms = tuple(
+        FloatingGeom(
+            name=model.geom(g).name,
+            body=int(model.geom_bodyid[g]),
+            hull=_geom_hull(model, g),
+            method=methods[g],
+        )
+        for g in geom_ids
+    )
+    return WaterSettings(sea, geoms, _read_tolerance(numerics, tolerance))
+
+
+def _check_physics(model: mujoco.MjModel) -> None:
+    """Refuse options under which the water's push would be wrong or would never happen."""
+    option = model.opt
+    for name in ("density", "viscosity"):
+        value = getattr(option, name)
+        if value != 0.0:
+            raise ValueError(
+                f"option {name} is {value:g}: MuJoCo would add its own fluid forces and the fluid "
+                "would count twice; set it to 0 (the water's density is the custom numeric "
+                "'water_density')"
+            )
+    gx, gy, gz = option.gravity
+    if gx != 0.0 or gy != 0.0 or not gz < 0.0:
+        raise ValueError(
+            f"option gravity is ({gx:g}, {gy:g}, {gz:g}); the water's surface needs gravity along "
+            "-z, for example (0, 0, -9.81)"
+        )
+    bits = mujoco.mjtDisableBit
+    passive = int(bits.mjDSBL_SPRING) | int(bits.mjDSBL_DAMPER)
+    if option.disableflags & passive == passive:
+        raise ValueError(
+            "option flags spring and damper are both disabled: MuJoCo then never calls "
+            "mjcb_passive and nothing would float; enable one of them"
+        )
+
+
+def _names(model: mujoco.MjModel, kind: mujoco.mjtObj, count: int) -> Iterator[tuple[int, str]]:
+    """Index and name of the custom elements of one kind that are ours."""
+    for i in range(count):
+        name = mujoco.mj_id2name(model, kind, i) or ""
+        if name.startswith(OWN_PREFIXES):
+            yield i, name
+
+
+def _refuse_unknown(kind: str, name: str, known: str) -> None:
+    raise ValueError(f"custom {kind} '{name}' is unknown; expected {known}: correct or rename it")
+
+
+def _own_numerics(model: mujoco.MjModel) -> dict[str, NDArray[np.float64]]:
+    single = ("water_density", "water_level", "buoyancy_tolerance")
+    found = {}
+    for i, name in _names(model, mujoco.mjtObj.mjOBJ_NUMERIC, model.nnumeric):
+        if name not in single and not name.startswith("wave_"):
+            _refuse_unknown("numeric", name, f"{', '.join(single)} or wave_<name>")
+        values = np.array(model.numeric(i).data)
+        expected = 1 if name in single else 4
+        if values.size != expected:
+            meaning = "amplitude m, wavelength m, heading deg, phase deg"
+            raise ValueError(
+                f"custom numeric '{name}' has {values.size} number{'s' * (values.size != 1)}; "
+                f"expected {expected}" + (f": {meaning}" if expected == 4 else "")
+            )
+        found[name] = values
+    return found
+
+
+def _own_texts(model: mujoco.MjModel) -> dict[str, str]:
+    found = {}
+    for i, name in _names(model, mujoco.mjtObj.mjOBJ_TEXT, model.ntext):
+        if name != "buoyancy_method" and not name.startswith("buoyancy_method_"):
+            _refuse_unknown("text", name, "buoyancy_method or buoyancy_method_<geom>")
+        start = model.text_adr[i]
+        raw = bytes(model.text_data[start : start + model.text_size[i]])
+        found[name] = raw.split(b"\0")[0].decode().strip()
+    return found
+
+
+def _read_sea(model: mujoco.MjModel, numerics: dict[str, NDArray[np.float64]]) -> Sea:
+    waves = []
+    for name, values in numerics.items():
+        if not name.startswith("wave_"):
+            continue
+        amplitude, wavelength, heading, phase = values
+        try:
+            waves.append(Wave(amplitude, wavelength, np.radians(heading), np.radians(phase)))
+        except ValueError as error:
+            raise ValueError(f"custom numeric '{name}': {error}") from None
+    density = float(numerics.get("water_density", [SEA_WATER_DENSITY])[0])
+    level = float(numerics.get("water_level", [0.0])[0])
+    return Sea(waves, density, -float(model.opt.gravity[2]), level)
+
+
+def _buoyant_geoms(model: mujoco.MjModel) -> list[int]:
+    """Ids of the geoms in the tuple 'buoyant', each on a body that can move."""
+    tuples = dict((name, i) for i, name in _names(model, mujoco.mjtObj.mjOBJ_TUPLE, model.ntuple))
+    for name in tuples:
+        if name != "buoyant":
+            _refuse_unknown("tuple", name, "buoyant")
+    if "buoyant" not in tuples:
+        raise ValueError(
+            "nothing floats: there is no custom tuple 'buoyant'; add <tuple name=\"buoyant\">"
+            '<element objtype="geom" objname="..."/></tuple> to <custom>'
+        )
+    elements = model.tuple(tuples["buoyant"])
+    ids = []
+    for kind, target in zip(elements.objtype, elements.objid, strict=True):
+        if kind != mujoco.mjtObj.mjOBJ_GEOM:
+            other = mujoco.mj_id2name(model, int(kind), int(target))
+            raise ValueError(
+                f"tuple 'buoyant' lists '{other}', which is not a geom; hulls are made from geoms: "
+                'use objtype="geom"'
+            )
+        if target in ids:
+            raise ValueError(
+                f"tuple 'buoyant' lists geom '{model.geom(target).name}' twice; its buoyancy would "
+                "count twice: keep one"
+            )
+        _check_movable(model, int(target))
+        ids.append(int(target))
+    return ids
+
+
+def _check_movable(model: mujoco.MjModel, geom: int) -> None:
+    name, body = model.geom(geom).name, int(model.geom_bodyid[geom])
+    where = f"geom '{name}' belongs to body '{model.body(body).name}'"
+    if body == 0:
+        where = f"geom '{name}' belongs to the world body"
+    if model.body_weldid[body] == 0 or model.body_mocapid[body] >= 0:
+        raise ValueError(
+            f"{where}, which cannot move, so nothing can float it; give its body a joint "
+            "(<freejoint/>) or take it from the tuple 'buoyant'"
+        )
+
+
+def _read_methods(
+    model: mujoco.MjModel, texts: dict[str, str], geom_ids: list[int], overruling: str | None
+) -> dict[int, str]:
+    """The method of each buoyant geom: overruled, else its own, else the scene's, else linear."""
+    names = {model.geom(g).name: g for g in geom_ids}
+    prefix = "buoyancy_method_"
+    for text in texts:
+        if text.startswith(prefix) and text.removeprefix(prefix) not in names:
+            raise ValueError(
+                f"custom text '{text}' names no geom of the tuple 'buoyant' "
+                f"(which has {', '.join(names)}); correct the name or list the geom"
+            )
+    sources = {f"custom text '{name}'": value for name, value in texts.items()}
+    if overruling is not None:
+        sources = {"the method asked for": overruling}
+    for source, value in sources.items():
+        if value not in METHODS:
+            raise ValueError(f"{source} is '{value}'; expected one of: {', '.join(METHODS)}")
+    common = texts.get("buoyancy_method", "linear")
+    return {g: overruling or texts.get(prefix + name, common) for name, g in names.items()}
+
+
+def _read_tolerance(
+    numerics: dict[str, NDArray[np.float64]], overruling: float | None
+) -> float | None:
+    value = overruling
+    if value is None:
+        if "buoyancy_tolerance" not in numerics:
+            return None
+        value = float(numerics["buoyancy_tolerance"][0])
+    if not (np.isfinite(value) and value > 0):
+        raise ValueError(
+            f"the buoyancy tolerance is {value:g} m of water height; it must be finite and above 0"
+        )
+    return value
+
+
+def _geom_hull(model: mujoco.MjModel, geom: int) -> Hull:
+    """Hull of a geom, in its body's inertial frame."""
+    kind = GeomType(int(model.geom_type[geom]))
+    name = model.geom(geom).name
+    if kind == GeomType.mjGEOM_MESH:
+        vertices, faces = _mesh_surface(model, int(model.geom_dataid[geom]))
+        name = f"{name}' (mesh '{model.mesh(model.geom_dataid[geom]).name}')".removesuffix("'")
+    elif kind in PRIMITIVES:
+        mesh = PRIMITIVES[kind](np.array(model.geom_size[geom]))
+        vertices, faces = mesh.vertices, mesh.faces
+    else:
+        raise ValueError(
+            f"geom '{name}' is a {kind.name.removeprefix('mjGEOM_').lower()}, which has no closed "
+            "surface; use a mesh, box, sphere, capsule, cylinder or ellipsoid"
+        )
+    body = int(model.geom_bodyid[geom])
+    geom_rotation = _matrix(model.geom_quat[geom])
+    inertial_rotation = _matrix(model.body_iquat[body])
+    in_body = vertices @ geom_rotation.T + model.geom_pos[geom]
+    try:
+        return Hull((in_body - model.body_ipos[body]) @ inertial_rotation, faces)
+    except ValueError as error:
+        raise ValueError(f"geom '{name}': {error}") from None
+
+
+def _matrix(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
+
+
+def _mesh_surface(
+    model: mujoco.MjModel, mesh: int
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Vertices and faces of a mesh asset in its geom's frame; MuJoCo keeps vertices as float32."""
+    first_vertex, first_face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+    vertices = model.mesh_vert[first_vertex : first_vertex + model.mesh_vertnum[mesh]]
+    faces = model.mesh_face[first_face : first_face + model.mesh_facenum[mesh]]
+    return vertices.astype(float), np.array(faces)
+
+
+def _box(size: NDArray[np.float64]) -> trimesh.Trimesh:
+    return trimesh.creation.box(extents=2.0 * size)
+
+
+def _ellipsoid(semi_axes: NDArray[np.float64]) -> trimesh.Trimesh:
+    mesh = trimesh.creation.icosphere(subdivisions=SPHERE_SUBDIVISIONS)
+    true_volume = 4.0 / 3.0 * np.pi
+    mesh.apply_scale((true_volume / mesh.volume) ** (1.0 / 3.0))
+    mesh.vertices = mesh.vertices * semi_axes
+    return mesh
+
+
+def _sphere(size: NDArray[np.float64]) -> trimesh.Trimesh:
+    return _ellipsoid(np.full(3, size[0]))
+
+
+def _widened(mesh: trimesh.Trimesh, true_volume: float) -> trimesh.Trimesh:
+    """Scale across the z axis until the faceted volume is the true one."""
+    widening = np.sqrt(true_volume / mesh.volume)
+    mesh.vertices = mesh.vertices * [widening, widening, 1.0]
+    return mesh
+
+
+def _cylinder(size: NDArray[np.float64]) -> trimesh.Trimesh:
+    radius, half_length = size[:2]
+    mesh = trimesh.creation.cylinder(
+        radius=radius, height=2.0 * half_length, sections=ROUND_SECTIONS
+    )
+    return _widened(mesh, 2.0 * np.pi * radius**2 * half_length)
+
+
+def _capsule(size: NDArray[np.float64]) -> trimesh.Trimesh:
+    radius, half_length = size[:2]
+    mesh = trimesh.creation.capsule(
+        radius=radius, height=2.0 * half_length, count=(ROUND_SECTIONS // 2, ROUND_SECTIONS)
+    )
+    return _widened(mesh, np.pi * radius**2 * (2.0 * half_length + 4.0 / 3.0 * radius))
+
+
+# Round primitives get facets whose corners lie slightly outside the true surface and whose middles
+# lie inside, so that the volume is exact: a ball then floats as deep as its mass says.
+PRIMITIVES: dict[GeomType, Callable[[NDArray[np.float64]], trimesh.Trimesh]] = {
+    GeomType.mjGEOM_BOX: _box,
+    GeomType.mjGEOM_SPHERE: _sphere,
+    GeomType.mjGEOM_ELLIPSOID: _ellipsoid,
+    GeomType.mjGEOM_CYLINDER: _cylinder,
+    GeomType.mjGEOM_CAPSULE: _capsule,
+}

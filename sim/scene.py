@@ -1,0 +1,65 @@
+"""Scene: an MJCF file as something that can be stepped: model, data and buoyancy."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from sim.coupling import Buoyancy
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A model, its state and the water's push on it; `name` titles recordings and reports."""
+
+    name: str
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    buoyancy: Buoyancy
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        method: str | None = None,
+        tolerance: float | None = None,
+        timestep: float | None = None,
+    ) -> "Scene":
+        """Compile an MJCF file and put it into its first keyframe, if it has one.
+
+        method, tolerance and timestep [s] overrule what the file says. Raises
+        FileNotFoundError, or ValueError that names what is wrong with the file.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise FileNotFoundError(f"there is no scene file {path}; give the path of an MJCF file")
+        try:
+            model = mujoco.MjModel.from_xml_path(str(path))
+        except ValueError as error:
+            raise ValueError(f"{path}: MuJoCo cannot compile it: {error}") from None
+        try:
+            return cls.from_model(model, path.stem, method, tolerance, timestep)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    @classmethod
+    def from_model(
+        cls,
+        model: mujoco.MjModel,
+        name: str = "scene",
+        method: str | None = None,
+        tolerance: float | None = None,
+        timestep: float | None = None,
+    ) -> "Scene":
+        """The same for a model that is compiled already; `timestep` is written into it."""
+        if timestep is not None:
+            if not (np.isfinite(timestep) and timestep > 0):
+                raise ValueError(f"the timestep is {timestep} s; it must be finite and above 0")
+            model.opt.timestep = timestep
+        buoyancy = Buoyancy.from_model(model, method, tolerance)
+        data = mujoco.MjData(model)
+        if model.nkey:
+            mujoco.mj_resetDataKeyframe(model, data, 0)
+        mujoco.mj_forward(model, data)
+        return cls(name, model, data, buoyancy)

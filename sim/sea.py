@@ -1,0 +1,233 @@
+"""Sea: the water's surface as a sum of Gerstner waves, from arrays to arrays.
+
+The formulas and the solver are in `gerstner`; here are the public classes, their
+checks and their units.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.gerstner import (
+    AMPLITUDE,
+    DIRECTION_X,
+    DIRECTION_Y,
+    FREQUENCY,
+    TURNS,
+    TURNS_X,
+    TURNS_Y,
+    solve_heights,
+    solve_surface,
+)
+
+Array = NDArray[np.float64]
+
+ELEVATION_ERROR = 1e-13
+"""Error [m] that the solver leaves in an elevation, apart from the round-off of the position. It
+sets the residual at which a point counts as solved (`Sea.residual_tolerance`)."""
+
+
+@dataclass(frozen=True)
+class Wave:
+    """One Gerstner wave on deep water.
+
+    amplitude [m]; wavelength [m], crest to crest; heading [rad], the direction it travels in, from
+    +x towards +y; phase [rad] at the origin at time 0. Raises ValueError.
+    """
+
+    amplitude: float
+    wavelength: float
+    heading: float = 0.0
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "wavelength", "heading", "phase"):
+            value = getattr(self, name)
+            if not np.isfinite(value):
+                raise ValueError(f"wave {name} is {value}; it must be a finite number")
+        if self.amplitude < 0:
+            raise ValueError(
+                f"wave amplitude is {self.amplitude} m; it must be 0 or more "
+                "(to turn a wave upside down add pi to its phase)"
+            )
+        if self.wavelength <= 0:
+            raise ValueError(f"wavelength is {self.wavelength} m; it must be above 0")
+
+    @property
+    def wavenumber(self) -> float:
+        """k = 2 pi / wavelength [rad/m]."""
+        return 2.0 * np.pi / self.wavelength
+
+    @property
+    def steepness(self) -> float:
+        """k a; the wave breaks at 1."""
+        return self.wavenumber * self.amplitude
+
+
+class Surface(NamedTuple):
+    """The surface above given points: elevation (...) [m], gradient (..., 2), Hessian
+    (..., 2, 2) [1/m], and the water's velocity there (..., 3) [m/s], all in world axes."""
+
+    elevation: Array
+    gradient: Array
+    hessian: Array
+    velocity: Array
+
+
+@dataclass(frozen=True)
+class Sea:
+    """A sum of Gerstner waves over still water at `level` [m].
+
+    waves: any number, none for flat water; density [kg/m^3]; gravity [m/s^2], downwards.
+    Positions are world coordinates [m], times [s]; x, y and time broadcast. Immutable.
+    Raises ValueError for waves that fold (sum of k a at 1 or above) and unusable numbers.
+    """
+
+    waves: tuple[Wave, ...] = ()
+    density: float = 1025.0
+    gravity: float = 9.81
+    level: float = 0.0
+    components: Array = field(init=False, repr=False, compare=False)
+    residual_tolerance: float = field(init=False, repr=False, compare=False)
+
+    def __init__(
+        self,
+        waves: Iterable[Wave] = (),
+        density: float = 1025.0,
+        gravity: float = 9.81,
+        level: float = 0.0,
+    ) -> None:
+        for name, value in (("density", density), ("gravity", gravity)):
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"water {name} is {value}; it must be finite and above 0")
+        if not np.isfinite(level):
+            raise ValueError(f"water level is {level}; it must be a finite number")
+        values = {"waves": tuple(waves), "density": density, "gravity": gravity, "level": level}
+        for name, value in values.items():
+            object.__setattr__(self, name, value if name == "waves" else float(value))
+        if self.steepness >= 1.0:
+            raise ValueError(
+                f"the waves fold: the sum of k a over {len(self.waves)} waves is "
+                f"{self.steepness:.3f} and must stay below 1; scale all amplitudes by less than "
+                f"{1.0 / self.steepness:.3f} or lengthen the waves"
+            )
+        components = np.array([self._component(wave) for wave in self.waves]).reshape(-1, 8)
+        components.setflags(write=False)
+        object.__setattr__(self, "components", components)
+        object.__setattr__(self, "residual_tolerance", self._residual_tolerance())
+
+    def _component(self, wave: Wave) -> tuple[float, ...]:
+        direction_x, direction_y = np.cos(wave.heading), np.sin(wave.heading)
+        frequency = np.sqrt(self.gravity * wave.wavenumber) / (2.0 * np.pi)
+        return (
+            direction_x / wave.wavelength,
+            direction_y / wave.wavelength,
+            wave.phase / (2.0 * np.pi),
+            frequency,
+            wave.amplitude,
+            wave.wavenumber,
+            direction_x,
+            direction_y,
+        )
+
+    def _residual_tolerance(self) -> float:
+        """Residual [m] that leaves ELEVATION_ERROR once its first-order effect is made up for: a
+        residual r then costs r^2/2 times the curvature, which 1 - sum k a bounds."""
+        curvature = sum(w.wavenumber**2 * w.amplitude for w in self.waves)
+        if curvature == 0.0:
+            return np.inf
+        return float(np.sqrt(2.0 * ELEVATION_ERROR * (1.0 - self.steepness) ** 3 / curvature))
+
+    @property
+    def steepness(self) -> float:
+        """Sum of k a over the waves; the surface is a graph below 1."""
+        return float(sum(wave.steepness for wave in self.waves))
+
+    @property
+    def amplitude(self) -> float:
+        """Sum of the amplitudes [m]: no crest rises and no trough falls further from the level."""
+        return float(sum(wave.amplitude for wave in self.waves))
+
+    def elevation(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
+        """Height z of the surface [m] above the points (x, y) at a time.
+
+        Solved to ELEVATION_ERROR at any steepness the sea can have, plus the round-off of the
+        position itself; NaN where an input is not finite.
+        """
+
+        def solve(x: Array, y: Array, time: float) -> tuple[Array]:
+            heights = np.empty(x.size)
+            solve_heights(x, y, self.components, time, self.residual_tolerance, heights)
+            return (heights + self.level,)
+
+        return _per_time(solve, x, y, time)[0]
+
+    def surface(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Surface:
+        """Elevation, gradient, Hessian and the water's velocity, all from one solve."""
+        heights, _, jets = self._solve(x, y, time)
+        hessian = jets[..., [2, 3, 3, 4]].reshape((*heights.shape, 2, 2))
+        return Surface(heights, jets[..., 0:2], hessian, jets[..., 5:8])
+
+    def gradient(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
+        """Slope (..., 2) of the elevation."""
+        return self.surface(x, y, time).gradient
+
+    def hessian(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
+        """Second derivatives (..., 2, 2) of the elevation [1/m]."""
+        return self.surface(x, y, time).hessian
+
+    def velocity(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
+        """Velocity (..., 3) [m/s] of the water particle at the surface above (x, y)."""
+        return self.surface(x, y, time).velocity
+
+    def labels(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
+        """Labels alpha (..., 2) [m] of the surface particles above (x, y): `particles` inverted."""
+        return self._solve(x, y, time)[1]
+
+    def particles(self, labels: ArrayLike, time: float) -> Array:
+        """Positions (..., 3) [m] of the surface particles with labels (..., 2) [m]."""
+        labels = np.asarray(labels, dtype=float)
+        theta = (
+            2.0
+            * np.pi
+            * (
+                labels @ self.components[:, [TURNS_X, TURNS_Y]].T
+                + self.components[:, TURNS]
+                - self.components[:, FREQUENCY] * time
+            )
+        )
+        amplitude = self.components[:, AMPLITUDE]
+        directions = self.components[:, [DIRECTION_X, DIRECTION_Y]]
+        x = labels + (amplitude * np.cos(theta)) @ directions
+        z = self.level + np.sin(theta) @ amplitude
+        return np.concatenate([x, z[..., None]], axis=-1)
+
+    def _solve(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> tuple[Array, Array, Array]:
+        def solve(x: Array, y: Array, time: float) -> tuple[Array, Array, Array]:
+            heights, labels, jets = np.empty(x.size), np.empty((x.size, 2)), np.empty((x.size, 8))
+            tolerance = self.residual_tolerance
+            solve_surface(x, y, self.components, time, tolerance, heights, labels, jets)
+            return heights + self.level, labels, jets
+
+        return _per_time(solve, x, y, time)
+
+
+def _per_time(solve, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> tuple[Array, ...]:
+    """Broadcast x, y and time, call solve(x, y, t) with flat x, y once for every distinct
+    time (the kernels keep the time out of their inner loops) and put the results in shape."""
+    x, y, time = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (x, y, time)))
+    times, which = np.unique(time, return_inverse=True)
+    x, y, which = np.ravel(x), np.ravel(y), np.ravel(which)
+    if times.size == 1:
+        results = solve(x, y, float(times[0]))
+    else:
+        parts = [which == t for t in range(times.size)]
+        solved = [solve(x[part], y[part], float(t)) for part, t in zip(parts, times, strict=True)]
+        results = tuple(np.empty((x.size, *r.shape[1:])) for r in solve(x[:0], y[:0], 0.0))
+        for part, arrays in zip(parts, solved, strict=True):
+            for result, array in zip(results, arrays, strict=True):
+                result[part] = array
+    return tuple(r.reshape(time.shape + r.shape[1:]) for r in results)

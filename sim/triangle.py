@@ -1,0 +1,112 @@
+"""Triangle: hydrostatic force and torque of one triangle in closed form, and the straight clip.
+
+The head e [m] is the depth below the surface, linear over the triangle; the pressure
+density * gravity * e pushes against the outward area vector S = (b - a) x (c - a) / 2. Exactly,
+
+    F = - density gravity  (e_a + e_b + e_c)/3  S
+    T = - density gravity  [ (a + b + c)(e_a + e_b + e_c) + a e_a + b e_b + c e_c ]/12  x  S
+
+with the torque about the origin of a, b, c. Kernels return F and T divided by
+- density gravity, so that the caller scales a sum once.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from sim.gerstner import kernel
+
+
+@njit(inline="always")
+def cross(ax, ay, az, bx, by, bz):
+    """a x b."""
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@kernel
+def sum_wet(corners, heads, out):
+    """Add up whole triangles: corners (N, 3, 3), heads (N, 3); out (6,) over - density gravity."""
+    out[:] = 0.0
+    for i in range(corners.shape[0]):
+        a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
+        ea, eb, ec = heads[i, 0], heads[i, 1], heads[i, 2]
+        sx, sy, sz = cross(
+            b[0] - a[0], b[1] - a[1], b[2] - a[2], c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        )
+        sx, sy, sz = 0.5 * sx, 0.5 * sy, 0.5 * sz
+        total = ea + eb + ec
+        wa, wb, wc = (total + ea) / 12.0, (total + eb) / 12.0, (total + ec) / 12.0
+        tx, ty, tz = cross(
+            a[0] * wa + b[0] * wb + c[0] * wc,
+            a[1] * wa + b[1] * wb + c[1] * wc,
+            a[2] * wa + b[2] * wb + c[2] * wc,
+            sx,
+            sy,
+            sz,
+        )
+        mean = total / 3.0
+        out[0] += mean * sx
+        out[1] += mean * sy
+        out[2] += mean * sz
+        out[3] += tx
+        out[4] += ty
+        out[5] += tz
+
+
+def wet_triangles_wrench(
+    corners: ArrayLike,
+    heads: ArrayLike,
+    density: float,
+    gravity: float,
+    about: ArrayLike = (0.0, 0.0, 0.0),
+) -> NDArray[np.float64]:
+    """Wrench (6,) [N, N m] of triangles that are known to be wet, for a clipper of your own.
+
+    corners: (N, 3, 3) [m], three corners a triangle, counterclockwise seen from outside;
+    heads: (N, 3) [m], depth below the surface at each corner, taken as linear in between (a
+    negative head pulls); density [kg/m^3]; gravity [m/s^2]; about: (3,) [m], the point that the
+    torque refers to. The axes are those of the corners. Exact up to round-off.
+    Raises ValueError when the shapes do not fit.
+    """
+    about = np.asarray(about, dtype=float)
+    corners = np.asarray(corners, dtype=float)
+    heads = np.ascontiguousarray(heads, dtype=float)
+    if corners.ndim != 3 or corners.shape[1:] != (3, 3) or heads.shape != corners.shape[:2]:
+        raise ValueError(
+            f"corners have shape {corners.shape} and heads {heads.shape}; "
+            "expected (N, 3, 3) and (N, 3): one head for each corner"
+        )
+    out = np.empty(6)
+    sum_wet(np.ascontiguousarray(corners - about), heads, out)
+    return -density * gravity * out
+
+
+@njit(inline="always")
+def clip_dry_part(ax, ay, az, bx, by, bz, cx, cy, cz, ea, eb, ec):
+    """What a straight clip takes from the corner sums of a triangle that the water cuts.
+
+    Corner a is the odd one out: the only wet corner or the only dry one. The waterline crosses
+    the edges ab and ac at p and q, where the head, linear along each edge, is zero.
+    Summing the closed form over the wet corners alone counts their heads over the whole
+    triangle; the difference to the wet part is, whichever corner a is,
+
+        |e_a| / 3  (1 - t_b t_c)                                  on S, and
+        |e_a| / 12 [ (2a + b + c) - (2a + p + q) t_b t_c ]        on x S,
+
+    t_b and t_c being the fractions of the edges from a to p and from a to q: both cases
+    are "the whole minus the odd corner" with the sign of e_a turned. Returns the factor of S
+    and the vector to be crossed with S.
+    """
+    tb = ea / (ea - eb)
+    tc = ea / (ea - ec)
+    part = tb * tc
+    size = abs(ea)
+    # 2a + p + q = 4a + tb (b - a) + tc (c - a)
+    pa, pb, pc = part * (4.0 - tb - tc), part * tb, part * tc
+    scale = size / 12.0
+    return (
+        size / 3.0 * (1.0 - part),
+        scale * ((2.0 - pa) * ax + (1.0 - pb) * bx + (1.0 - pc) * cx),
+        scale * ((2.0 - pa) * ay + (1.0 - pb) * by + (1.0 - pc) * cy),
+        scale * ((2.0 - pa) * az + (1.0 - pb) * bz + (1.0 - pc) * cz),
+    )
