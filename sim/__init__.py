@@ -19,6 +19,7 @@ Nothing below mjcf knows MuJoCo and nothing but recording knows Rerun.
 from sim.coupling import Buoyancy
 from sim.hull import Hull
 from sim.methods import Linear
+from sim.recording import Recorder
 from sim.scene import Scene
 from sim.sea import Sea, Wave
 from sim.simulation import DivergenceError, Sample, Tally, simulate
@@ -29,6 +30,7 @@ __all__ = [
     "DivergenceError",
     "Hull",
     "Linear",
+    "Recorder",
     "Sample",
     "Scene",
     "Sea",

@@ -1,0 +1,192 @@
+"""Run a scene headless, record it, and say what happened.
+
+    python scripts/run.py models/bunny.xml
+
+Exit status: 0 on success, 2 on unusable input, 3 when the state diverged (what was recorded until
+then is on disk), 130 after Ctrl-C (likewise).
+"""
+
+import argparse
+import json
+import shutil
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NoReturn
+
+from sim import DivergenceError, Recorder, Scene, Tally, simulate
+from sim.simulation import observe
+
+UNUSABLE_INPUT, DIVERGED, INTERRUPTED = 2, 3, 130
+
+COMPILING_NOTICE_AFTER = 1.0
+"""Seconds after which loading a scene can only mean that kernels are being compiled."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong with the command line in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(UNUSABLE_INPUT, f"{self.prog}: {message} (see --help)\n")
+
+
+def positive(text: str) -> float:
+    """A number above 0 from the command line."""
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a finite number above 0")
+    return value
+
+
+def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
+    parser = Parser(prog="run.py", description=__doc__.splitlines()[0])
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
+    parser.add_argument(
+        "--duration", type=positive, default=10.0, metavar="S", help="simulated seconds (10)"
+    )
+    parser.add_argument(
+        "--rate", type=positive, default=30.0, metavar="HZ", help="samples a simulated second (30)"
+    )
+    parser.add_argument("--method", help="overrules the scene's method, for all geoms")
+    parser.add_argument(
+        "--tolerance", type=positive, metavar="M", help="overrules the scene's, m of water height"
+    )
+    parser.add_argument(
+        "--timestep", type=positive, metavar="S", help="overrules the scene's timestep"
+    )
+    record = parser.add_mutually_exclusive_group()
+    record.add_argument(
+        "--record", type=Path, metavar="FILE.rrd", help="default recordings/<scene>.rrd"
+    )
+    record.add_argument("--no-record", action="store_true", help="write no recording")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary there")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    return parser.parse_args(arguments)
+
+
+@contextmanager
+def compiling_notice(quiet: bool) -> Iterator[None]:
+    """Say that kernels are being compiled if what happens in the block takes long enough for it."""
+
+    def say() -> None:
+        print("compiling the kernels; this is done once and kept ...", file=sys.stderr, flush=True)
+
+    timer = threading.Timer(COMPILING_NOTICE_AFTER, say)
+    if not quiet:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def load(options: argparse.Namespace) -> Scene:
+    """Load the scene and compute its wrenches once, which compiles the kernels."""
+    with compiling_notice(options.quiet):
+        scene = Scene.load(options.scene, options.method, options.tolerance, options.timestep)
+        observe(scene)
+    return scene
+
+
+def show_progress(time: float, duration: float) -> None:
+    """Draw a bar on the terminal's current line."""
+    width = 40
+    done = min(width, round(width * time / duration))
+    bar = "#" * done + "." * (width - done)
+    print(f"\r[{bar}] {time:.1f} of {duration:g} s", end="", file=sys.stderr, flush=True)
+
+
+def run(scene: Scene, options: argparse.Namespace, recorder: Recorder | None, tally: Tally) -> int:
+    """Simulate, record and tally; return the exit status."""
+    show = sys.stderr.isatty() and not options.quiet
+    status, trouble = 0, ""
+    try:
+        for sample in simulate(scene, options.duration, options.rate):
+            tally.add(sample)
+            if recorder is not None:
+                recorder.log(sample)
+            if show:
+                show_progress(sample.time, options.duration)
+    except DivergenceError as error:
+        status, trouble = DIVERGED, str(error)
+    except KeyboardInterrupt:
+        status, trouble = INTERRUPTED, "interrupted"
+    if show:
+        print("\r\033[K", end="", file=sys.stderr)
+    if trouble:
+        print(f"run.py: {trouble}", file=sys.stderr)
+    return status
+
+
+def summarise(scene: Scene, tally: Tally, wall_s: float, recording: Path | None) -> dict[str, Any]:
+    """The run in numbers, under the keys of --json."""
+    last, timestep = tally.last, scene.model.opt.timestep
+    steps = last.step
+    return {
+        "scene": scene.name,
+        "steps": steps,
+        "timestep": timestep,
+        "duration": steps * timestep,
+        "wall_s": wall_s,
+        "realtime_factor": steps * timestep / wall_s,
+        "buoyancy_us_per_step": 1e6 * last.buoyancy_seconds / max(steps, 1),
+        "step_us": 1e6 * (last.step_seconds - last.buoyancy_seconds) / max(steps, 1),
+        "bodies": tally.bodies(),
+        "recording": None if recording is None else str(recording),
+    }
+
+
+def print_summary(summary: dict[str, Any]) -> None:
+    print(
+        f"{summary['scene']}: {summary['steps']} steps of {summary['timestep']:g} s, "
+        f"{summary['duration']:.2f} s simulated in {summary['wall_s']:.2f} s "
+        f"({summary['realtime_factor']:.1f} x real time)\n"
+        f"a step: {summary['buoyancy_us_per_step']:.1f} us in buoyancy, "
+        f"{summary['step_us']:.1f} us in MuJoCo\n"
+    )
+    width = max(len("mean of"), *map(len, summary["bodies"]))
+    print(f"{'mean of':<{width}}  height m  tilt deg  submerged  force/weight")
+    for name, means in summary["bodies"].items():
+        print(
+            f"{name:<{width}}  {means['mean_height']:8.3f}  {means['mean_tilt_deg']:8.2f}  "
+            f"{means['mean_submerged_fraction']:9.3f}  {means['mean_force_over_weight']:12.3f}"
+        )
+    if summary["recording"] is not None:
+        beside_python = Path(sys.executable).with_name("rerun")
+        viewer = "rerun" if shutil.which("rerun") else beside_python
+        size = Path(summary["recording"]).stat().st_size / 1e6
+        print(f"\nrecorded {size:.1f} MB; look at it with: {viewer} {summary['recording']}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse_arguments(arguments)
+    recording = None
+    if not options.no_record:
+        recording = options.record or Path("recordings") / f"{options.scene.stem}.rrd"
+    try:
+        scene = load(options)
+        if options.json is not None:
+            options.json.open("a").close()
+        recorder = None if recording is None else Recorder(recording, scene)
+    except (ValueError, OSError) as error:
+        print(f"run.py: {' '.join(str(error).split())}", file=sys.stderr)
+        return UNUSABLE_INPUT
+    if options.tolerance is not None and not options.quiet:
+        print("run.py: note: the method linear takes no tolerance", file=sys.stderr)
+    tally = Tally(scene)
+    started = perf_counter()
+    with recorder or nullcontext():
+        status = run(scene, options, recorder, tally)
+    summary = summarise(scene, tally, perf_counter() - started, recording)
+    if options.json is not None:
+        options.json.write_text(json.dumps(summary, indent=2) + "\n")
+    if not options.quiet:
+        print_summary(summary)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())
