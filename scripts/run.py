@@ -172,7 +172,7 @@ def main(arguments: list[str] | None = None) -> int:
             options.json.open("a").close()
         recorder = None if recording is None else Recorder(recording, scene)
     except (ValueError, OSError) as error:
-        print(f"run.py: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"run.py: {error}", file=sys.stderr)
         return UNUSABLE_INPUT
     if options.tolerance is not None and not options.quiet:
         print("run.py: note: the method linear takes no tolerance", file=sys.stderr)

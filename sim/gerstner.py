@@ -154,7 +154,7 @@ def newton_update(x, y, heights, scratch):
 def is_solved(x, y, residual_squared, tolerance):
     """Whether a point's residual is below the tolerance [m] or lost in round-off."""
     limit = tolerance + ROUND_OFF * (abs(x) + abs(y))
-    return residual_squared <= limit * limit
+    return residual_squared < limit * limit
 
 
 @kernel

@@ -249,16 +249,17 @@ def _read_tolerance(
 def _geom_hull(model: mujoco.MjModel, geom: int) -> Hull:
     """Hull of a geom, in its body's inertial frame."""
     kind = GeomType(int(model.geom_type[geom]))
-    name = model.geom(geom).name
+    label = f"geom '{model.geom(geom).name}'"
     if kind == GeomType.mjGEOM_MESH:
-        vertices, faces = _mesh_surface(model, int(model.geom_dataid[geom]))
-        name = f"{name}' (mesh '{model.mesh(model.geom_dataid[geom]).name}')".removesuffix("'")
+        mesh_id = int(model.geom_dataid[geom])
+        vertices, faces = _mesh_surface(model, mesh_id)
+        label += f" (mesh '{model.mesh(mesh_id).name}')"
     elif kind in PRIMITIVES:
         mesh = PRIMITIVES[kind](np.array(model.geom_size[geom]))
         vertices, faces = mesh.vertices, mesh.faces
     else:
         raise ValueError(
-            f"geom '{name}' is a {kind.name.removeprefix('mjGEOM_').lower()}, which has no closed "
+            f"{label} is a {kind.name.removeprefix('mjGEOM_').lower()}, which has no closed "
             "surface; use a mesh, box, sphere, capsule, cylinder or ellipsoid"
         )
     body = int(model.geom_bodyid[geom])
@@ -268,7 +269,7 @@ def _geom_hull(model: mujoco.MjModel, geom: int) -> Hull:
     try:
         return Hull((in_body - model.body_ipos[body]) @ inertial_rotation, faces)
     except ValueError as error:
-        raise ValueError(f"geom '{name}': {error}") from None
+        raise ValueError(f"{label}: {error}") from None
 
 
 def _matrix(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -37,7 +37,8 @@ class Scene:
         try:
             model = mujoco.MjModel.from_xml_path(str(path))
         except ValueError as error:
-            raise ValueError(f"{path}: MuJoCo cannot compile it: {error}") from None
+            reason = " ".join(str(error).split())  # MuJoCo's message has several lines
+            raise ValueError(f"{path}: MuJoCo cannot compile it: {reason}") from None
         try:
             return cls.from_model(model, path.stem, method, tolerance, timestep)
         except ValueError as error:

@@ -1,0 +1,43 @@
+"""Small MJCF models for the tests."""
+
+import mujoco
+
+WAVES = """
+    <numeric name="wave_swell" data="0.10 4.0 0 0"/>
+    <numeric name="wave_cross" data="0.06 2.4 55 40"/>
+    <numeric name="wave_chop" data="0.03 1.4 -65 110"/>"""
+
+CUBE = """
+    <body name="cube" pos="0 0 0">
+      <freejoint/>
+      <geom name="cube" type="box" size="0.5 0.5 0.5" density="512.5"/>
+    </body>"""
+
+
+def xml(
+    bodies: str = CUBE,
+    buoyant: tuple[str, ...] = ("cube",),
+    custom: str = "",
+    option: str = '<option timestep="0.005"/>',
+    assets: str = "",
+    extra: str = "",
+) -> str:
+    """An MJCF model whose named geoms float; flat water unless `custom` has waves."""
+    elements = "".join(f'<element objtype="geom" objname="{g}" prm="0"/>' for g in buoyant)
+    listed = f'<tuple name="buoyant">{elements}</tuple>' if buoyant else ""
+    return f"""<mujoco model="test">
+  {option}
+  <custom>
+    <numeric name="water_density" data="1025"/>{custom}
+    {listed}
+  </custom>
+  <asset>{assets}</asset>
+  <worldbody>{bodies}
+  </worldbody>
+  {extra}
+</mujoco>"""
+
+
+def model(*args, **kwargs) -> mujoco.MjModel:
+    """The compiled model of `xml` with the same arguments."""
+    return mujoco.MjModel.from_xml_string(xml(*args, **kwargs))

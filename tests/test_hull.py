@@ -1,0 +1,128 @@
+"""The hull: what it knows of its surface and every refusal."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from independent import ROUND_OFF, load_mesh, meshes
+from sim import Hull
+
+BOX = trimesh.creation.box(extents=[2.0, 1.0, 0.5])
+
+
+def test_volume_centroid_and_bounds_of_a_box():
+    hull = Hull(BOX.vertices + [1.0, 2.0, 3.0], BOX.faces)
+    assert hull.volume == pytest.approx(1.0, rel=ROUND_OFF)
+    np.testing.assert_allclose(hull.centroid, [1.0, 2.0, 3.0], rtol=ROUND_OFF)
+    np.testing.assert_array_equal(hull.bounds, [[0.0, 1.5, 2.75], [2.0, 2.5, 3.25]])
+
+
+@pytest.mark.parametrize("name", ["icosphere", "torus", "bunny"])
+def test_agrees_with_trimesh(name):
+    mesh = meshes()[name]
+    hull = Hull.from_trimesh(mesh)
+    assert hull.volume == pytest.approx(mesh.volume, rel=ROUND_OFF)
+    np.testing.assert_allclose(hull.centroid, mesh.center_mass, atol=ROUND_OFF)
+    np.testing.assert_allclose(np.linalg.norm(hull.area_vectors, axis=1).sum(), mesh.area)
+    np.testing.assert_allclose(hull.area_vectors.sum(axis=0), 0.0, atol=ROUND_OFF)
+
+
+def test_volume_keeps_its_precision_far_from_the_origin():
+    hull = Hull(BOX.vertices + 1e5, BOX.faces)
+    assert hull.volume == pytest.approx(1.0, rel=1e-9)  # corners themselves are rounded to 1e-11
+    np.testing.assert_allclose(hull.centroid, 1e5, rtol=1e-14)
+
+
+def test_shipped_meshes_are_hulls():
+    for name, faces in (("bunny", 3674), ("dragon", 10000)):
+        hull = Hull.from_trimesh(load_mesh(name))
+        assert len(hull.faces) == faces
+        assert np.ptp(hull.bounds, axis=0).max() == pytest.approx(1.0, abs=1e-6)
+        np.testing.assert_allclose(hull.centroid, 0.0, atol=1e-6)  # OBJ coordinates: 7 decimals
+
+
+def test_merges_vertices_at_the_same_place():
+    soup = BOX.vertices[BOX.faces].reshape(-1, 3)
+    hull = Hull(soup, np.arange(len(soup)).reshape(-1, 3))
+    assert len(hull.vertices) == 8
+    assert hull.volume == pytest.approx(1.0, rel=ROUND_OFF)
+
+
+def test_drops_collapsed_faces_and_unused_vertices():
+    vertices = np.vstack([BOX.vertices, BOX.vertices[0], [9.0, 9.0, 9.0]])
+    faces = np.vstack([BOX.faces, [0, 8, 1]])  # vertex 8 lies on vertex 0
+    hull = Hull(vertices, faces)
+    assert (len(hull.vertices), len(hull.faces)) == (8, 12)
+    assert hull.bounds.max() < 9.0
+
+
+def test_turns_an_inward_surface_outward_and_says_so():
+    with pytest.warns(UserWarning, match="faced inward.*turned outward"):
+        hull = Hull(BOX.vertices, BOX.faces[:, ::-1])
+    assert hull.volume == pytest.approx(1.0, rel=ROUND_OFF)
+
+
+def test_accepts_separate_parts_such_as_a_catamarans_hulls():
+    pair = trimesh.util.concatenate([BOX, BOX.copy().apply_translation([0.0, 3.0, 0.0])])
+    assert Hull.from_trimesh(pair).volume == pytest.approx(2.0, rel=ROUND_OFF)
+
+
+def test_is_immutable_and_independent_of_the_callers_arrays():
+    vertices = np.array(BOX.vertices)
+    hull = Hull(vertices, BOX.faces)
+    vertices[:] = 0.0
+    assert hull.bounds[1, 0] == 1.0
+    for array in (hull.vertices, hull.faces, hull.area_vectors, hull.centroid, hull.bounds):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    with pytest.raises(AttributeError):
+        hull.volume = 2.0
+
+
+def _with_cavity():
+    cavity = trimesh.creation.box(extents=[0.2, 0.2, 0.2])
+    cavity.invert()
+    return trimesh.util.concatenate([BOX, cavity])
+
+
+def _one_face_turned():
+    faces = np.array(BOX.faces)
+    faces[3] = faces[3, ::-1]
+    return BOX.vertices, faces
+
+
+def _touching_along_an_edge():
+    other = BOX.copy().apply_translation([2.0, 1.0, 0.0])
+    both = trimesh.util.concatenate([BOX, other])
+    return both.vertices, both.faces
+
+
+NOT_FINITE = np.array(BOX.vertices)
+NOT_FINITE[2, 1] = np.nan
+FLAT = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+MESH_WITH_CAVITY = _with_cavity()
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ((BOX.vertices, BOX.faces[1:]), "not closed: 3 of 18 edges.*fill"),
+        ((BOX.vertices, np.vstack([BOX.faces, BOX.faces[:1]])), "3 of 18 edges have more than two"),
+        (_touching_along_an_edge(), "1 of 35 edges have more than two"),
+        (_one_face_turned(), "winding is inconsistent: 3 of 18"),
+        ((MESH_WITH_CAVITY.vertices, MESH_WITH_CAVITY.faces), "1 of 2 closed parts.*inward"),
+        ((NOT_FINITE, BOX.faces), "1 of 8 vertices are not finite"),
+        ((BOX.vertices, BOX.faces + 1), "indices lie outside 0..7"),
+        ((BOX.vertices, BOX.faces - 1), "indices lie outside 0..7"),
+        ((FLAT, [[0, 1, 2], [0, 2, 1]]), "1 of 1 closed parts.*no volume"),
+        (([], []), "found 0 vertices and 0 faces"),
+        ((BOX.vertices, []), "found 8 vertices and 0 faces"),
+        ((BOX.vertices[:, :2], BOX.faces), r"vertices have shape \(8, 2\)"),
+        ((BOX.vertices, np.zeros((4, 4), int)), r"faces have shape \(4, 4\)"),
+        ((BOX.vertices, BOX.faces * 1.0), "faces are float64"),
+        ((np.zeros((3, 3)), [[0, 1, 2]]), "no face is left"),
+    ],
+)
+def test_refusals_count_and_name_the_remedy(arrays, message):
+    with pytest.raises(ValueError, match=message):
+        Hull(*arrays)

@@ -1,0 +1,196 @@
+"""The linear method: Archimedes, independent quadrature, symmetries, extremes."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from independent import (
+    DENSITY,
+    GRAVITY,
+    ROUND_OFF,
+    meshes,
+    quadrature_wrench,
+    random_rotation,
+    three_waves,
+    volume_below,
+    wet_triangles,
+)
+from sim import Hull, Linear, Sea, Wave, wet_triangles_wrench
+
+FLAT = Sea(density=DENSITY, gravity=GRAVITY)
+CUBE = trimesh.creation.box(extents=[1.0, 1.0, 1.0])
+
+
+def rotation_about_z(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("name", ["icosphere", "torus", "bunny"])
+def test_archimedes_on_flat_water_in_any_pose(name):
+    """Buoyancy is the weight of the displaced water, whose volume trimesh cuts out."""
+    mesh = meshes()[name]
+    method = Linear(Hull.from_trimesh(mesh), FLAT)
+    rng = np.random.default_rng(11)
+    for _ in range(20):
+        rotation, position = random_rotation(rng), rng.uniform(-0.5, 0.5, 3)
+        placed = trimesh.Trimesh(mesh.vertices @ rotation.T + position, mesh.faces, process=False)
+        displaced = volume_below(placed, 0.0)
+        force = method.wrench(position, rotation, 0.0)[:3] / (DENSITY * GRAVITY)
+        np.testing.assert_allclose(force, [0.0, 0.0, displaced], atol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("name", ["icosphere", "torus", "bunny"])
+def test_submerged_hull_is_pushed_up_at_its_centroid(name):
+    mesh = meshes()[name]
+    hull = Hull.from_trimesh(mesh)
+    rotation = random_rotation(np.random.default_rng(12))
+    for depth in (2.0, 1000.0):
+        wrench = Linear(hull, FLAT).wrench([3.0, -2.0, -depth], rotation, 0.0)
+        wrench /= DENSITY * GRAVITY * hull.volume
+        np.testing.assert_allclose(wrench[:3], [0.0, 0.0, 1.0], atol=ROUND_OFF * depth)
+        torque = np.cross(rotation @ hull.centroid, [0.0, 0.0, 1.0])
+        np.testing.assert_allclose(wrench[3:], torque, atol=ROUND_OFF * depth)
+
+
+@pytest.mark.parametrize("name", ["icosphere", "torus", "bunny"])
+def test_force_and_torque_agree_with_quadrature_of_the_clipped_surface(name):
+    hull, sea = Hull.from_trimesh(meshes()[name]), three_waves()
+    method = Linear(hull, sea)
+    rng = np.random.default_rng(13)
+    for _ in range(5):
+        rotation, time = random_rotation(rng), rng.uniform(0.0, 10.0)
+        position = rng.uniform(-1.0, 1.0, 3) * [3.0, 3.0, 0.4]
+        expected = quadrature_wrench(*wet_triangles(hull, sea, position, rotation, time), position)
+        wrench = method.wrench(position, rotation, time)
+        scale = DENSITY * GRAVITY * hull.volume
+        np.testing.assert_allclose(wrench / scale, expected / scale, atol=ROUND_OFF)
+
+
+def test_public_integrator_gives_the_methods_wrench():
+    hull, sea = Hull.from_trimesh(meshes()["torus"]), three_waves()
+    rotation, position = random_rotation(np.random.default_rng(14)), np.array([0.2, 0.1, 0.05])
+    corners, heads = wet_triangles(hull, sea, position, rotation, 1.0)
+    by_hand = wet_triangles_wrench(corners, heads, sea.density, sea.gravity, position)
+    wrench = Linear(hull, sea).wrench(position, rotation, 1.0)
+    np.testing.assert_allclose(wrench, by_hand, atol=ROUND_OFF * DENSITY * GRAVITY)
+
+
+def test_metacentric_height_of_a_box():
+    """Righting torque of a slightly tilted box: weight x GM x angle, GM 0.2672 m."""
+    hull = Hull.from_trimesh(trimesh.creation.box(extents=[2.0, 1.0, 0.4]))
+    draft = 0.6 * 0.4
+    gm = 1.0 / (12.0 * draft) + draft / 2.0 - 0.2
+    assert gm == pytest.approx(0.2672, abs=5e-5)
+    weight = DENSITY * GRAVITY * 2.0 * draft
+    for angle in (1e-3, 1e-2):
+        c, s = np.cos(angle), np.sin(angle)
+        rotation = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+        torque = Linear(hull, FLAT).wrench([0.0, 0.0, 0.2 - draft], rotation, 0.0)[3]
+        assert torque / (-weight * gm * angle) == pytest.approx(1.0, abs=3.0 * angle**2)
+
+
+def test_nothing_changes_when_pose_and_sea_shift_together():
+    hull, sea = Hull.from_trimesh(meshes()["bunny"]), three_waves()
+    shift, delay = np.array([1.7, -0.9]), 2.1
+    moved = Sea(
+        [
+            Wave(
+                w.amplitude,
+                w.wavelength,
+                w.heading,
+                w.phase
+                - w.wavenumber * shift @ [np.cos(w.heading), np.sin(w.heading)]
+                + np.sqrt(sea.gravity * w.wavenumber) * delay,
+            )
+            for w in sea.waves
+        ],
+        level=4.0,
+    )
+    rotation = random_rotation(np.random.default_rng(15))
+    here = Linear(hull, sea).wrench([0.1, 0.2, 0.0], rotation, 0.5)
+    there = Linear(hull, moved).wrench([0.1 + shift[0], 0.2 + shift[1], 4.0], rotation, 0.5 + delay)
+    np.testing.assert_allclose(there, here, atol=ROUND_OFF * DENSITY * GRAVITY)
+
+
+def test_turning_everything_turns_the_wrench():
+    hull, sea = Hull.from_trimesh(meshes()["bunny"]), three_waves()
+    angle = 0.8
+    turned = Sea([Wave(w.amplitude, w.wavelength, w.heading + angle, w.phase) for w in sea.waves])
+    turn = rotation_about_z(angle)
+    rotation, position = random_rotation(np.random.default_rng(16)), np.array([0.4, -0.3, 0.1])
+    wrench = Linear(hull, sea).wrench(position, rotation, 0.7)
+    expected = np.concatenate([turn @ wrench[:3], turn @ wrench[3:]])
+    found = Linear(hull, turned).wrench(turn @ position, turn @ rotation, 0.7)
+    np.testing.assert_allclose(found, expected, atol=ROUND_OFF * DENSITY * GRAVITY)
+
+
+def test_flat_water_is_conservative():
+    """No work is done around a closed path of height and tilt, to the path quadrature's error."""
+    method = Linear(Hull.from_trimesh(trimesh.creation.box(extents=[2.0, 1.0, 0.4])), FLAT)
+
+    def work(points: int) -> float:
+        total = 0.0
+        for s in 2.0 * np.pi * (np.arange(points) + 0.5) / points:
+            height, angle = 0.1 * np.cos(s + 0.6) + 0.03, 0.5 * np.sin(s) + 0.2
+            c, sn = np.cos(angle), np.sin(angle)
+            rotation = np.array([[1.0, 0.0, 0.0], [0.0, c, -sn], [0.0, sn, c]])
+            wrench = method.wrench([0.0, 0.0, height], rotation, 0.0)
+            total += wrench[2] * -0.1 * np.sin(s + 0.6) + wrench[3] * 0.5 * np.cos(s)
+        return abs(total * 2.0 * np.pi / points) / (DENSITY * GRAVITY * 0.8)
+
+    coarse, fine = work(100), work(1000)
+    assert fine < 1e-6
+    assert fine < coarse / 50.0  # the force has kinks where edges meet the water: second order
+
+
+def test_error_falls_with_the_square_of_the_triangles():
+    """Against itself on a mesh 4 times finer: midpoint subdivision, the surface stays the same."""
+    sea, mesh = three_waves(), trimesh.creation.box(extents=[1.0, 1.0, 1.0])
+    rng = np.random.default_rng(17)
+    poses = [(rng.uniform(-1, 1, 3) * [1, 1, 0.3], random_rotation(rng)) for _ in range(5)]
+    wrenches = []
+    for _ in range(6):
+        method = Linear(Hull.from_trimesh(mesh), sea)
+        wrenches.append(np.array([method.wrench(p, r, 0.3) for p, r in poses]))
+        mesh = mesh.subdivide()
+    errors = [np.abs(w - wrenches[-1]).max() for w in wrenches[2:-1]]
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert ((slopes > 1.6) & (slopes < 2.9)).all(), slopes
+
+
+def test_a_dry_hull_feels_nothing():
+    hull = Hull.from_trimesh(meshes()["bunny"])
+    for height in (1.0, 100.0, 1e6):
+        wrench = Linear(hull, three_waves()).wrench([0.0, 0.0, height], np.eye(3), 0.0)
+        assert not wrench.any()
+
+
+def test_deep_under_waves_the_round_off_stays_small():
+    hull, sea = Hull.from_trimesh(meshes()["bunny"]), three_waves()
+    rotation = random_rotation(np.random.default_rng(18))
+    shallow = Linear(hull, sea).wrench([0.0, 0.0, -2.0], rotation, 0.0)
+    deep = Linear(hull, sea).wrench([0.0, 0.0, -1002.0], rotation, 0.0)
+    np.testing.assert_allclose(deep, shallow, atol=1e-11 * DENSITY * GRAVITY)
+
+
+@pytest.mark.parametrize("height", [0.5, -0.5, 0.0])
+def test_faces_and_vertices_exactly_on_the_surface(height):
+    wrench = Linear(Hull.from_trimesh(CUBE), FLAT).wrench([0.0, 0.0, height], np.eye(3), 0.0)
+    displaced = 0.5 - height
+    expected = [0.0, 0.0, DENSITY * GRAVITY * displaced, 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(wrench, expected, atol=ROUND_OFF * DENSITY * GRAVITY)
+
+
+def test_a_pose_that_is_not_finite_gives_nan_and_does_not_hang():
+    method = Linear(Hull.from_trimesh(CUBE), three_waves())
+    assert np.isnan(method.wrench([np.nan, 0.0, 0.0], np.eye(3), 0.0)).any()
+    assert np.isnan(method.wrench([0.0, 0.0, np.nan], np.eye(3), 0.0)).any()
+
+
+def test_rotation_may_come_flat_as_mujoco_keeps_it():
+    method = Linear(Hull.from_trimesh(CUBE), three_waves())
+    rotation = random_rotation(np.random.default_rng(19))
+    np.testing.assert_array_equal(
+        method.wrench([0, 0, 0], rotation.ravel(), 0), method.wrench([0, 0, 0], rotation, 0)
+    )

@@ -1,0 +1,194 @@
+"""What a model says about water and hulls, and every refusal."""
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from scenes import CUBE, WAVES, model, xml
+
+from independent import MODELS, ROUND_OFF
+from sim import Buoyancy
+from sim.mjcf import read_model
+
+
+def test_reads_the_sea():
+    sea = read_model(model(custom='<numeric name="water_level" data="0.5"/>' + WAVES)).sea
+    assert (sea.density, sea.gravity, sea.level) == (1025.0, 9.81, 0.5)
+    assert [w.amplitude for w in sea.waves] == [0.10, 0.06, 0.03]
+    assert [w.wavelength for w in sea.waves] == [4.0, 2.4, 1.4]
+    np.testing.assert_allclose([w.heading for w in sea.waves], np.radians([0.0, 55.0, -65.0]))
+    np.testing.assert_allclose([w.phase for w in sea.waves], np.radians([0.0, 40.0, 110.0]))
+
+
+def test_gravity_is_the_models_own():
+    assert read_model(model(option='<option gravity="0 0 -1.62"/>')).sea.gravity == 1.62
+
+
+def test_other_peoples_custom_elements_are_left_alone():
+    other = '<numeric name="gain" data="1 2"/><text name="author" data="me"/>'
+    assert len(read_model(model(custom=other)).geoms) == 1
+
+
+GEOMS = {
+    "box": ('type="box" size="0.5 0.4 0.3"', 0.48),
+    "sphere": ('type="sphere" size="0.5"', np.pi / 6.0),
+    "ellipsoid": ('type="ellipsoid" size="0.5 0.4 0.3"', 0.24 * np.pi / 3.0),
+    "cylinder": ('type="cylinder" size="0.3 0.5"', 0.09 * np.pi),
+    "capsule": ('type="capsule" size="0.3 0.5"', 0.09 * np.pi * 1.4),
+}
+
+
+@pytest.mark.parametrize("kind", GEOMS)
+def test_primitives_have_their_exact_volume_and_place(kind):
+    """Off the body's origin and turned, so that the body's inertial frame is not the geom's."""
+    shape, volume = GEOMS[kind]
+    place = 'pos="0.2 -0.1 0.4" euler="30 40 50"'
+    second = '<geom type="sphere" size="0.1" pos="-1 0 0"/>'
+    body = f'<body><freejoint/><geom name="g" {shape} {place}/>{second}</body>'
+    compiled = model(body, ("g",))
+    (geom,) = read_model(compiled).geoms
+    assert geom.hull.volume == pytest.approx(volume, rel=ROUND_OFF)
+    quaternion = compiled.body_iquat[1]
+    inertial = trimesh.transformations.quaternion_matrix(quaternion)[:3, :3]
+    centroid = inertial @ geom.hull.centroid + compiled.body_ipos[1]
+    np.testing.assert_allclose(centroid, [0.2, -0.1, 0.4], atol=ROUND_OFF)
+    # the farthest vertex from the geom's middle is as far as the shape says, within its facets
+    reach = np.linalg.norm(geom.hull.vertices - geom.hull.centroid, axis=1).max()
+    expected = {"box": 0.5**0.5, "sphere": 0.5, "ellipsoid": 0.5, "cylinder": 0.34**0.5}
+    assert reach == pytest.approx(expected.get(kind, 0.8), rel=4e-3)
+
+
+def test_mesh_geom_is_the_file_in_the_inertial_frame():
+    """Volume and principal axes are those of the mesh, to the float32 that MuJoCo keeps."""
+    assets = f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}" inertia="exact"/>'
+    body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" pos="1 2 3"/></body>'
+    compiled = model(body, ("g",), assets=assets)
+    (geom,) = read_model(compiled).geoms
+    mesh = trimesh.load_mesh(MODELS / "meshes" / "bunny.obj", process=False)
+    assert len(geom.hull.faces) == len(mesh.faces)
+    assert geom.hull.volume == pytest.approx(mesh.volume, rel=1e-6)
+    np.testing.assert_allclose(geom.hull.centroid, 0.0, atol=1e-6)
+
+
+def test_method_of_one_geom_overrules_the_scenes():
+    custom = '<text name="buoyancy_method" data="linear"/>'
+    custom += '<text name="buoyancy_method_cube" data="linear"/>'
+    assert read_model(model(custom=custom)).geoms[0].method == "linear"
+
+
+def test_tolerance_is_read_and_overruled():
+    compiled = model(custom='<numeric name="buoyancy_tolerance" data="1e-3"/>')
+    assert read_model(compiled).tolerance == 1e-3
+    assert read_model(compiled, tolerance=1e-4).tolerance == 1e-4
+    assert read_model(model()).tolerance is None
+
+
+def mesh_model(file: str) -> str:
+    body = '<body><freejoint/><geom name="g" type="mesh" mesh="m"/></body>'
+    return xml(body, ("g",), assets=f'<mesh name="m" file="{file}"/>')
+
+
+PASSIVE_OFF = '<option><flag spring="disable" damper="disable"/></option>'
+PLANE = '<geom name="floor" type="plane" size="1 1 1"/>'
+WELDED = '<body name="pier"><geom name="cube" type="box" size="1 1 1"/></body>'
+MOCAP = '<body name="hand" mocap="true"><geom name="cube" type="box" size="1 1 1"/></body>'
+
+REFUSALS = {
+    "own fluid": (dict(option='<option density="1000"/>'), "option density is 1000.*twice.*to 0"),
+    "viscosity": (dict(option='<option viscosity="0.1"/>'), "option viscosity is 0.1.*to 0"),
+    "slanted gravity": (dict(option='<option gravity="1 0 -9.81"/>'), r"gravity is \(1, 0, -9.81"),
+    "no gravity": (dict(option='<option gravity="0 0 0"/>'), "gravity along -z"),
+    "upward gravity": (dict(option='<option gravity="0 0 9.81"/>'), "gravity along -z"),
+    "passive off": (dict(option=PASSIVE_OFF), "spring and damper are both disabled.*enable one"),
+    "nothing floats": (dict(buoyant=()), "no custom tuple 'buoyant'.*add"),
+    "world body": (
+        dict(bodies=CUBE + '<geom name="rock" size="1"/>', buoyant=("rock",)),
+        "geom 'rock' belongs to the world body.*joint",
+    ),
+    "welded body": (dict(bodies=WELDED), "geom 'cube' belongs to body 'pier', which cannot move"),
+    "mocap body": (dict(bodies=MOCAP), "geom 'cube' belongs to body 'hand', which cannot move"),
+    "not a closed shape": (
+        dict(bodies="<body><freejoint/><inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>"
+             '<geom name="h" type="hfield" hfield="h"/></body>', buoyant=("h",),
+             assets='<hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/>'),
+        "geom 'h' is a hfield, which has no closed surface.*use a mesh, box",
+    ),
+    "listed twice": (dict(buoyant=("cube", "cube")), "lists geom 'cube' twice"),
+    "folding waves": (
+        dict(custom='<numeric name="wave_a" data="0.5 2 0 0"/>'),
+        "the waves fold.*1.571.*0.637",
+    ),
+    "three numbers": (
+        dict(custom='<numeric name="wave_a" data="0.5 2 0"/>'),
+        "'wave_a' has 3 numbers; expected 4: amplitude m",
+    ),
+    "two levels": (
+        dict(custom='<numeric name="water_level" data="0 1"/>'),
+        "'water_level' has 2 numbers; expected 1",
+    ),
+    "negative wavelength": (
+        dict(custom='<numeric name="wave_a" data="0.1 -2 0 0"/>'),
+        "'wave_a': wavelength is -2",
+    ),
+    "unknown numeric": (
+        dict(custom='<numeric name="water_depth" data="1"/>'),
+        "numeric 'water_depth' is unknown.*water_density",
+    ),
+    "unknown text": (
+        dict(custom='<text name="buoyancy_metod" data="linear"/>'),
+        "text 'buoyancy_metod' is unknown",
+    ),
+    "unknown tuple": (
+        dict(extra='<custom><tuple name="buoyants"><element objtype="body" objname="cube"/>'
+             "</tuple></custom>"),
+        "tuple 'buoyants' is unknown; expected buoyant",
+    ),
+    "not a geom": (
+        dict(buoyant=(), extra='<custom><tuple name="buoyant"><element objtype="body" '
+             'objname="cube"/></tuple></custom>'),
+        "lists 'cube', which is not a geom",
+    ),
+    "unknown method": (
+        dict(custom='<text name="buoyancy_method" data="magic"/>'),
+        "custom text 'buoyancy_method' is 'magic'; expected one of: linear",
+    ),
+    "unknown method of a geom": (
+        dict(custom='<text name="buoyancy_method_cube" data="magic"/>'),
+        "'buoyancy_method_cube' is 'magic'",
+    ),
+    "method of an unknown geom": (
+        dict(custom='<text name="buoyancy_method_ball" data="linear"/>'),
+        "'buoyancy_method_ball' names no geom of the tuple 'buoyant' .which has cube",
+    ),
+    "negative tolerance": (
+        dict(custom='<numeric name="buoyancy_tolerance" data="-1"/>'),
+        "tolerance is -1 m.*above 0",
+    ),
+    "no water": (
+        dict(custom="", extra='<custom><numeric name="water_level" data="nan"/></custom>'),
+        "level is nan",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSALS)
+def test_refusals_name_the_element_and_the_remedy(case):
+    changes, message = REFUSALS[case]
+    with pytest.raises(ValueError, match=message):
+        Buoyancy.from_model(model(**changes))
+
+
+def test_overruling_method_and_tolerance_are_checked_too():
+    with pytest.raises(ValueError, match="the method asked for is 'magic'"):
+        Buoyancy.from_model(model(), method="magic")
+    with pytest.raises(ValueError, match="tolerance is 0 m"):
+        Buoyancy.from_model(model(), tolerance=0.0)
+
+
+def test_an_open_mesh_is_refused_by_geom_and_mesh(tmp_path):
+    mesh = trimesh.creation.box()
+    mesh.update_faces(np.arange(12) > 0)
+    mesh.export(tmp_path / "open.obj")
+    compiled = mujoco.MjModel.from_xml_string(mesh_model(str(tmp_path / "open.obj")))
+    with pytest.raises(ValueError, match=r"geom 'g' \(mesh 'm'\): .*not closed: 3 of 18 edges"):
+        Buoyancy.from_model(compiled)

@@ -1,0 +1,220 @@
+"""The sea: the inverse of the Gerstner map, its derivatives, its refusals."""
+
+import numpy as np
+import pytest
+
+from independent import three_waves
+from sim import Sea, Wave, gerstner
+from sim.sea import ELEVATION_ERROR
+
+MAP_ROUND_OFF = 1e-12  # m, of positions within some tens of metres
+
+
+def seas_of_steepness(steepness: float) -> list[Sea]:
+    """One wave, three and forty crossing ones, with the same sum of k a."""
+    rng = np.random.default_rng(7)
+    seas = [Sea([Wave(steepness / (2.0 * np.pi) * 2.0, 2.0, 0.3, 0.1)]), three_waves(steepness)]
+    shares = rng.uniform(0.5, 1.5, 40)
+    shares *= steepness / shares.sum()
+    lengths = rng.uniform(0.5, 8.0, 40)
+    waves = [
+        Wave(share * length / (2.0 * np.pi), length, *rng.uniform(-np.pi, np.pi, 2))
+        for share, length in zip(shares, lengths, strict=True)
+    ]
+    return [*seas, Sea(waves)]
+
+
+@pytest.mark.parametrize("steepness", [0.0, 0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95])
+def test_elevation_lies_on_the_particles_at_any_steepness(steepness):
+    rng = np.random.default_rng(1)
+    for sea in seas_of_steepness(steepness):
+        assert sea.steepness == pytest.approx(steepness)
+        x, y = rng.uniform(-20.0, 20.0, (2, 3000))
+        points = sea.particles(sea.labels(x, y, 3.7), 3.7)
+        np.testing.assert_allclose(points[:, 0], x, atol=MAP_ROUND_OFF, rtol=0)
+        np.testing.assert_allclose(points[:, 1], y, atol=MAP_ROUND_OFF, rtol=0)
+        error = np.abs(points[:, 2] - sea.elevation(x, y, 3.7))
+        assert error.max() < ELEVATION_ERROR + MAP_ROUND_OFF
+
+
+@pytest.mark.parametrize("steepness", [0.5, 0.95])
+def test_solver_converges_from_any_starting_label(steepness):
+    rng = np.random.default_rng(2)
+    for sea in seas_of_steepness(steepness):
+        scratch = np.empty((gerstner.SCRATCH_ROWS, 1))
+        for _ in range(500):
+            x, y = rng.uniform(-5.0, 5.0, 2)
+            start = rng.uniform(-20.0, 20.0, 2)
+            scratch[[gerstner.LABEL_X, gerstner.LABEL_Y], 0] = start
+            height = gerstner.solve_point(
+                x, y, sea.components, 0.4, sea.residual_tolerance, scratch
+            )
+            label = scratch[[gerstner.LABEL_X, gerstner.LABEL_Y], 0]
+            np.testing.assert_allclose(sea.particles(label, 0.4)[:2], (x, y), atol=MAP_ROUND_OFF)
+            assert abs(height - sea.elevation(x, y, 0.4)) < 2 * ELEVATION_ERROR + MAP_ROUND_OFF
+
+
+def test_plain_newton_steps_alone_would_miss_points_that_the_safeguard_finds():
+    """Guards the safeguard: without it this sea would leave points unsolved."""
+    sea = seas_of_steepness(0.99)[0]
+    x = np.linspace(-2.0, 2.0, gerstner.CHUNK)
+    scratch = np.zeros((gerstner.SCRATCH_ROWS, gerstner.CHUNK))
+    scratch[gerstner.LABEL_X] = x
+    heights = np.empty(gerstner.CHUNK)
+    for _ in range(gerstner.PLAIN_STEPS):
+        gerstner.wave_sums(gerstner.CHUNK, sea.components, 0.0, scratch)
+        gerstner.newton_update(x, 0.0 * x, heights, scratch)
+    assert (scratch[gerstner.RESIDUAL] > sea.residual_tolerance**2).any()
+    labels = sea.labels(x, 0.0, 0.0)
+    np.testing.assert_allclose(sea.particles(labels, 0.0)[:, 0], x, atol=MAP_ROUND_OFF)
+
+
+def test_sine_and_cosine_hold_their_error_far_from_zero():
+    rng = np.random.default_rng(3)
+    turns = rng.uniform(-1.0, 1.0, 2000) * 10.0 ** rng.uniform(-8, 6, 2000)
+    turns = np.concatenate([turns, np.arange(-8, 9) / 8.0])
+    nearest = turns - np.round(turns)  # exact, so numpy's argument is right as well
+    s, c = np.array([gerstner.sine_cosine(t) for t in turns]).T
+    np.testing.assert_allclose(s, np.sin(2.0 * np.pi * nearest), atol=5e-16, rtol=0)
+    np.testing.assert_allclose(c, np.cos(2.0 * np.pi * nearest), atol=5e-16, rtol=0)
+
+
+def test_one_gentle_wave_is_a_sine_with_second_order_crests():
+    """Gerstner's profile to second order: eta = a sin(q) + k a^2/2 (1 - cos 2q) ... at z level."""
+    amplitude, length = 1e-4, 2.0
+    sea = Sea([Wave(amplitude, length)], level=3.0)
+    k = 2.0 * np.pi / length
+    x = np.linspace(0.0, length, 41)
+    eta = amplitude * np.sin(k * x) - 0.5 * k * amplitude**2 * (1.0 + np.cos(2.0 * k * x))
+    third_order = 2.0 * k**2 * amplitude**3
+    np.testing.assert_allclose(sea.elevation(x, 0.0, 0.0), 3.0 + eta, atol=third_order, rtol=0)
+
+
+def test_a_wave_travels_along_its_heading_with_the_deep_water_speed():
+    heading, length, time = 0.7, 3.0, 2.3
+    sea = Sea([Wave(0.1, length, heading, 0.4)])
+    speed = np.sqrt(9.81 * length / (2.0 * np.pi))
+    x, y = np.random.default_rng(4).uniform(-3.0, 3.0, (2, 200))
+    shifted = sea.elevation(
+        x + speed * time * np.cos(heading), y + speed * time * np.sin(heading), time
+    )
+    np.testing.assert_allclose(shifted, sea.elevation(x, y, 0.0), atol=1e-12)
+
+
+@pytest.mark.parametrize("steepness", [0.2, 0.6, 0.8])
+def test_gradient_and_hessian_agree_with_finite_differences(steepness):
+    sea = three_waves(steepness)
+    x, y = np.random.default_rng(5).uniform(-3.0, 3.0, (2, 300))
+    surface = sea.surface(x, y, 1.3)
+
+    def elevation(x, y):
+        return sea.elevation(x, y, 1.3)
+
+    def gradient(x, y):
+        return sea.gradient(x, y, 1.3)
+
+    for exact, function in ((surface.gradient, elevation), (surface.hessian, gradient)):
+        errors = [np.abs(_central(function, x, y, h) - exact).max() for h in (2e-3, 1e-3, 5e-4)]
+        slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+        assert (slopes > 1.8).all(), (errors, slopes)  # central differences: second order
+        assert errors[-1] < 1e-3 * np.abs(exact).max()
+
+
+def _central(function, x, y, h):
+    """Central differences in x and y, along a new last axis."""
+    dx = (function(x + h, y) - function(x - h, y)) / (2.0 * h)
+    dy = (function(x, y + h) - function(x, y - h)) / (2.0 * h)
+    return np.stack([dx, dy], axis=-1)
+
+
+def test_hessian_is_symmetric_and_elevation_comes_from_the_same_solve():
+    sea = three_waves(0.7)
+    x, y = np.random.default_rng(6).uniform(-3.0, 3.0, (2, 300))
+    surface = sea.surface(x, y, 0.2)
+    np.testing.assert_array_equal(surface.hessian[:, 0, 1], surface.hessian[:, 1, 0])
+    np.testing.assert_array_equal(surface.elevation, sea.elevation(x, y, 0.2))
+
+
+def test_velocity_is_the_particles_own():
+    sea = three_waves(0.6)
+    x, y = np.random.default_rng(8).uniform(-3.0, 3.0, (2, 100))
+    labels, h = sea.labels(x, y, 0.9), 1e-5
+    by_difference = (sea.particles(labels, 0.9 + h) - sea.particles(labels, 0.9 - h)) / (2.0 * h)
+    np.testing.assert_allclose(sea.velocity(x, y, 0.9), by_difference, atol=1e-8)
+
+
+def test_arguments_broadcast_time_included():
+    sea = three_waves()
+    x, times = np.linspace(0.0, 2.0, 5), np.array([0.0, 1.0, 2.0])
+    record = sea.elevation(x[None, :], 0.3, times[:, None])
+    assert record.shape == (3, 5)
+    for row, time in zip(record, times, strict=True):
+        np.testing.assert_array_equal(row, sea.elevation(x, 0.3, time))
+    assert sea.elevation(0.0, 0.0, 0.0).shape == ()
+    assert sea.hessian(x, 0.0, times[:, None]).shape == (3, 5, 2, 2)
+    assert sea.elevation([], [], 0.0).shape == (0,)
+
+
+def test_a_points_elevation_does_not_depend_on_how_many_are_asked_for():
+    sea = three_waves(0.8)
+    x, y = np.random.default_rng(9).uniform(-3.0, 3.0, (2, 700))
+    together = sea.elevation(x, y, 0.0)
+    alone = [float(sea.elevation(a, b, 0.0)) for a, b in zip(x, y, strict=True)]
+    np.testing.assert_allclose(together, alone, atol=2 * ELEVATION_ERROR, rtol=0)
+
+
+def test_what_is_not_finite_gives_nan_and_leaves_the_rest_alone():
+    sea = three_waves()
+    eta = sea.elevation([0.0, np.nan, np.inf, 1.0], 0.0, 0.0)
+    assert np.isnan(eta).tolist() == [False, True, True, False]
+    assert eta[3] == pytest.approx(float(sea.elevation(1.0, 0.0, 0.0)), abs=2 * ELEVATION_ERROR)
+    assert np.isnan(sea.labels(np.nan, 0.0, 0.0)).all()
+
+
+def test_far_from_the_origin_and_late_only_the_positions_round_off_is_lost():
+    """A whole number of wavelengths and periods away the sea is the same."""
+    wave = Wave(0.1, 2.0)
+    sea = Sea([wave])
+    period = 2.0 * np.pi / np.sqrt(9.81 * wave.wavenumber)
+    x = np.linspace(0.0, 2.0, 50)
+    far = sea.elevation(x + 1e6, 0.0, 0.0)
+    np.testing.assert_allclose(far, sea.elevation(x, 0.0, 0.0), atol=1e-9)
+    late = sea.elevation(x, 0.0, 1e6 * period)
+    np.testing.assert_allclose(late, sea.elevation(x, 0.0, 0.0), atol=1e-9)
+
+
+def test_flat_water_is_level():
+    sea = Sea(level=-2.0)
+    surface = sea.surface(np.arange(3.0), 0.0, 5.0)
+    np.testing.assert_array_equal(surface.elevation, -2.0)
+    assert not surface.gradient.any()
+    assert not surface.hessian.any()
+    assert not surface.velocity.any()
+
+
+def test_sea_cannot_be_changed():
+    sea = three_waves()
+    with pytest.raises(AttributeError):
+        sea.level = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        sea.components[0, 0] = 1.0
+    with pytest.raises(AttributeError):
+        sea.waves[0].amplitude = 1.0
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Sea([Wave(0.2, 2.0), Wave(0.2, 2.0)]), "fold.*1.257.*0.796"),
+        (lambda: Wave(-0.1, 2.0), "amplitude is -0.1"),
+        (lambda: Wave(0.1, 0.0), "wavelength is 0.0"),
+        (lambda: Wave(0.1, 2.0, np.nan), "heading is nan"),
+        (lambda: Wave(np.inf, 2.0), "amplitude is inf"),
+        (lambda: Sea(density=0.0), "density is 0.0"),
+        (lambda: Sea(gravity=-9.81), "gravity is -9.81"),
+        (lambda: Sea(level=np.nan), "level is nan"),
+    ],
+)
+def test_refusals(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()

@@ -1,0 +1,199 @@
+"""Stepping: samples, their instants, divergence, interleaving; and scenes."""
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import CUBE, WAVES, model
+
+from independent import MODELS
+from sim import DivergenceError, Scene, Tally, simulate
+
+SCENES = ("cube", "bunny", "dragon", "trio")
+
+
+def cube_scene(**changes) -> Scene:
+    return Scene.from_model(model(custom=WAVES, **changes))
+
+
+def test_samples_come_at_the_rate_with_the_first_before_the_first_step():
+    samples = list(simulate(cube_scene(), duration=1.0, rate=20.0))
+    np.testing.assert_allclose([s.time for s in samples], np.arange(21) * 0.05, atol=1e-12)
+    assert [s.step for s in samples] == list(range(0, 201, 10))
+
+
+def test_a_rate_that_does_not_divide_the_timestep_samples_at_the_next_step():
+    samples = list(simulate(cube_scene(), duration=1.0, rate=30.0))
+    due = np.arange(31) / 30.0
+    late = np.array([s.time for s in samples]) - due
+    assert len(samples) == 31
+    assert ((late > -1e-9) & (late < 0.005)).all()
+
+
+def test_a_rate_above_the_timesteps_samples_every_step():
+    assert [s.step for s in simulate(cube_scene(), 0.05, rate=1e6)] == list(range(11))
+
+
+def test_a_sample_belongs_to_its_own_instant():
+    """Pose, wrench and elevation fit together: each is computed again from the others."""
+    scene = cube_scene()
+    *_, sample = simulate(scene, 0.7, rate=10.0)
+    sea, method = scene.buoyancy.sea, scene.buoyancy.floats[0].method
+    assert sample.time == scene.data.time
+    np.testing.assert_array_equal(sample.positions[0], scene.data.qpos[:3])
+    np.testing.assert_allclose(sample.quaternions[0], scene.data.qpos[3:], atol=1e-15)
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, sample.quaternions[0])
+    wrench = method.wrench(sample.centres[0], rotation, sample.time)
+    np.testing.assert_allclose(sample.wrenches[0], wrench, atol=1e-8)
+    np.testing.assert_array_equal(sample.body_wrenches, sample.wrenches)
+    x, y, _ = sample.centres[0]
+    assert sample.elevations[0] == sea.elevation(x, y, sample.time)
+    assert sample.tilts[0] == pytest.approx(np.arccos(rotation[8]))
+    assert sample.submerged_fractions[0] == pytest.approx(wrench[2] / (1025.0 * 9.81))
+
+
+def test_looking_does_not_change_the_run():
+    ends = []
+    for rate in (1.0, 200.0):
+        scene = cube_scene()
+        *_, last = simulate(scene, 2.0, rate)
+        ends.append(np.concatenate([scene.data.qpos, scene.data.qvel, last.wrenches[0]]))
+    np.testing.assert_array_equal(*ends)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_same_run_twice_gives_the_same_bits(name):
+    runs = []
+    for _ in range(2):
+        scene = Scene.load(MODELS / f"{name}.xml")
+        *_, last = simulate(scene, 0.5)
+        runs.append(np.concatenate([scene.data.qpos, scene.data.qvel, last.wrenches.ravel()]))
+    np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_shipped_scenes_start_dry_and_come_to_float(name):
+    scene = Scene.load(MODELS / f"{name}.xml")
+    first, *samples = simulate(scene, 8.0, rate=20.0)
+    assert (first.submerged_fractions < 0.01).all()
+    settled = samples[len(samples) // 2 :]
+    fractions = np.mean([s.submerged_fractions for s in settled], axis=0)
+    # densities are 500 kg/m^3 in 1025: that part of the volume is under water on average
+    np.testing.assert_allclose(fractions, 500.0 / 1025.0, rtol=0.1)
+
+
+def test_simulations_may_be_interleaved_and_models_compiled_in_between():
+    def run(scene):
+        return [s.centres.copy() for s in simulate(scene, 0.5, 20.0)]
+
+    alone = run(cube_scene())
+    first, second = simulate(cube_scene(), 0.5, 20.0), simulate(cube_scene(), 0.5, 20.0)
+    together = []
+    for a, b in zip(first, second, strict=True):
+        mujoco.MjModel.from_xml_string("<mujoco/>")
+        together.append((a.centres, b.centres))
+    for single, (a, b) in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(single, a)
+        np.testing.assert_array_equal(single, b)
+
+
+def test_simulate_can_be_left_early_and_taken_up_again():
+    scene = cube_scene()
+    for sample in simulate(scene, 10.0):
+        if sample.time > 0.2:
+            break
+    assert mujoco.get_mjcb_passive() is None
+    assert not scene.data.xfrc_applied.any()
+    *_, last = simulate(scene, 0.1)
+    assert last.time == pytest.approx(sample.time + 0.1)
+
+
+@pytest.fixture
+def quiet_mujoco(tmp_path, monkeypatch):
+    """MuJoCo writes its warnings to a log file in the current folder."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("quiet_mujoco")
+@pytest.mark.parametrize(("kind", "what"), [("qpos", "position"), ("qvel", "velocity")])
+def test_divergence_names_body_time_and_remedy(kind, what):
+    stone = '<body name="stone" pos="5 0 0"><freejoint/><geom size="0.1"/></body>'
+    scene = cube_scene(bodies=CUBE + stone)
+    samples = simulate(scene, 1.0, rate=100.0)
+    for sample in samples:
+        if sample.step == 20:
+            getattr(scene.data, kind)[-1] = np.nan
+            break
+    with pytest.raises(
+        DivergenceError, match=f"'stone' diverged at 0.1000 s: its {what}"
+    ) as caught:
+        next(samples)
+    assert (caught.value.body, caught.value.time) == ("stone", pytest.approx(0.1))
+    assert "timestep below 0.005" in str(caught.value)
+    assert mujoco.get_mjcb_passive() is None
+
+
+@pytest.mark.usefixtures("quiet_mujoco")
+def test_a_force_that_is_not_a_number_is_caught_as_divergence():
+    scene = cube_scene()
+    samples = simulate(scene, 1.0, rate=100.0)
+    next(samples)
+    scene.data.qfrc_applied[2] = np.nan
+    with pytest.raises(DivergenceError, match=r"'cube' diverged at 0\.0000 s: its acceleration"):
+        list(samples)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [((0.0,), "duration is 0"), ((np.nan,), "duration is nan"), ((1.0, -1.0), "rate is -1")],
+)
+def test_durations_and_rates_that_cannot_be_are_refused_at_the_call(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        simulate(cube_scene(), *arguments)
+
+
+def test_tally_averages_samples():
+    scene = cube_scene()
+    tally, samples = Tally(scene), list(simulate(scene, 1.0))
+    assert tally.bodies() == {}
+    for sample in samples:
+        tally.add(sample)
+    cube = tally.bodies()["cube"]
+    assert cube["mean_height"] == pytest.approx(np.mean([s.centres[0, 2] for s in samples]))
+    assert cube["mean_tilt_deg"] == pytest.approx(
+        np.degrees(np.mean([s.tilts[0] for s in samples]))
+    )
+    assert cube["mean_submerged_fraction"] == pytest.approx(
+        np.mean([s.submerged_fractions[0] for s in samples])
+    )
+    weight = 512.5 * 9.81
+    assert cube["mean_force_over_weight"] == pytest.approx(
+        np.mean([s.wrenches[0, 2] for s in samples]) / weight
+    )
+    assert cube["final_position"] == samples[-1].positions[0].tolist()
+    assert cube["final_quaternion"] == samples[-1].quaternions[0].tolist()
+
+
+def test_load_starts_at_the_first_keyframe():
+    scene = Scene.load(MODELS / "trio.xml")
+    np.testing.assert_array_equal(scene.data.qpos, scene.model.key_qpos[0])
+    assert scene.name == "trio"
+
+
+def test_timestep_overrules_the_models():
+    assert Scene.load(MODELS / "cube.xml", timestep=0.001).model.opt.timestep == 0.001
+    with pytest.raises(ValueError, match=r"timestep is 0.0 s.*above 0"):
+        Scene.load(MODELS / "cube.xml", timestep=0.0)
+
+
+def test_load_says_which_file_is_at_fault(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"no scene file .*nowhere\.xml"):
+        Scene.load(tmp_path / "nowhere.xml")
+    broken = tmp_path / "broken.xml"
+    broken.write_text("<mujoco><wave/></mujoco>")
+    with pytest.raises(ValueError, match=r"broken.xml: MuJoCo cannot compile it: .*wave"):
+        Scene.load(broken)
+    empty = tmp_path / "empty.xml"
+    empty.write_text("<mujoco/>")
+    with pytest.raises(ValueError, match=r"empty.xml: nothing floats"):
+        Scene.load(empty)
