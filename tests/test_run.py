@@ -1,0 +1,125 @@
+"""scripts/run.py as a user meets it: its exit status, its output, its files."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from independent import MODELS, REPOSITORY
+from sim import Scene, Tally, simulate
+
+RUN = [sys.executable, str(REPOSITORY / "scripts" / "run.py")]
+
+
+def run(*arguments, cwd) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [*RUN, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=120
+    )
+
+
+def test_run_records_prints_and_writes_its_summary(tmp_path):
+    result = run(MODELS / "bunny.xml", "--duration", 1, "--json", "out.json", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((tmp_path / "out.json").read_text())
+    assert list(summary) == [
+        "scene", "steps", "timestep", "duration", "wall_s", "realtime_factor",
+        "buoyancy_us_per_step", "step_us", "bodies", "recording",
+    ]  # fmt: skip
+    assert summary["scene"] == "bunny"
+    assert (summary["steps"], summary["timestep"], summary["duration"]) == (500, 0.002, 1.0)
+    assert summary["realtime_factor"] == pytest.approx(1.0 / summary["wall_s"])
+    assert 0.0 < summary["buoyancy_us_per_step"] * 500e-6 < summary["wall_s"]
+    assert 0.0 < summary["step_us"] * 500e-6 < summary["wall_s"]
+    assert summary["recording"] == os.path.join("recordings", "bunny.rrd")
+    assert len(RrdReader(tmp_path / summary["recording"]).recordings()) == 1
+    for expected in ("500 steps", "x real time", "us in buoyancy", "bunny", "look at it with"):
+        assert expected in result.stdout
+    assert "\r" not in result.stderr  # no progress bar without a terminal
+
+
+def test_summary_is_that_of_the_same_run_in_python(tmp_path):
+    arguments = ("--duration", 1, "--rate", 20, "--timestep", 0.004, "--no-record", "--quiet")
+    result = run(MODELS / "cube.xml", *arguments, "--json", "out.json", cwd=tmp_path)
+    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+    summary = json.loads((tmp_path / "out.json").read_text())
+    scene = Scene.load(MODELS / "cube.xml", timestep=0.004)
+    tally = Tally(scene)
+    for sample in simulate(scene, 1.0, 20.0):
+        tally.add(sample)
+    assert summary["bodies"] == tally.bodies()
+    assert summary["recording"] is None
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.json"]
+
+
+BROKEN = {
+    "no file": (["nowhere.xml"], "there is no scene file nowhere.xml"),
+    "not MJCF": (["broken.xml"], "MuJoCo cannot compile it"),
+    "nothing floats": (["empty.xml"], "nothing floats"),
+    "unknown method": ([MODELS / "cube.xml", "--method", "magic"], "'magic'; expected one of"),
+    "no duration": ([MODELS / "cube.xml", "--duration", "0"], "--duration: 0 is not"),
+    "no number": ([MODELS / "cube.xml", "--rate", "fast"], "--rate: invalid positive value"),
+    "infinite": ([MODELS / "cube.xml", "--timestep", "inf"], "--timestep: inf is not"),
+    "no tolerance": ([MODELS / "cube.xml", "--tolerance", "-1"], "--tolerance: -1 is not"),
+    "unknown option": ([MODELS / "cube.xml", "--fast"], "unrecognized arguments: --fast"),
+    "unwritable": ([MODELS / "cube.xml", "--record", "broken.xml/a.rrd"], "broken.xml"),
+    "unwritable summary": ([MODELS / "cube.xml", "--json", "none/a.json"], "none/a.json"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_unusable_input_gives_one_line_and_status_2(case, tmp_path):
+    arguments, message = BROKEN[case]
+    (tmp_path / "broken.xml").write_text("<mujoco><wave/></mujoco>")
+    (tmp_path / "empty.xml").write_text("<mujoco/>")
+    before = sorted(tmp_path.rglob("*"))
+    result = run(*arguments, cwd=tmp_path)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before  # and nothing is left behind
+
+
+def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path):
+    """Negative damping feeds the cube's motion until the numbers overflow."""
+    scene = (MODELS / "cube.xml").read_text()
+    (tmp_path / "wild.xml").write_text(scene.replace('damping="300"', 'damping="-5000"'))
+    result = run("wild.xml", "--record", "wild.rrd", cwd=tmp_path)
+    assert result.returncode == 3, result.stderr
+    assert "body 'cube' diverged at" in result.stderr
+    assert "try a timestep below 0.002 s" in result.stderr
+    chunks = list(RrdReader(tmp_path / "wild.rrd").stream().filter(content="/plots/height/cube"))
+    assert sum(chunk.num_rows for chunk in chunks if not chunk.is_static) >= 2
+
+
+def test_ctrl_c_leaves_a_readable_recording(tmp_path):
+    process = subprocess.Popen(
+        [*RUN, str(MODELS / "cube.xml"), "--duration", "1000", "--record", "cut.rrd"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60.0
+    recording = tmp_path / "cut.rrd"
+    while not (recording.exists() and recording.stat().st_size > 300_000):
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    stdout, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert stderr.strip().endswith("interrupted")
+    assert "cube" in stdout  # the summary of what was done
+    chunks = list(RrdReader(recording).stream().filter(content="/plots/height/cube"))
+    heights = [
+        value
+        for chunk in chunks
+        if not chunk.is_static
+        for value in chunk.to_record_batch().column("Scalars:scalars").to_pylist()
+    ]
+    assert len(heights) > 10
+    assert np.isfinite(np.ravel(heights)).all()
