@@ -18,7 +18,7 @@ Nothing below mjcf knows MuJoCo and nothing but recording knows Rerun.
 
 from sim.coupling import Buoyancy
 from sim.hull import Hull
-from sim.methods import Linear
+from sim.methods import Chord, Linear, Reference
 from sim.recording import Recorder
 from sim.scene import Scene
 from sim.sea import Sea, Wave
@@ -27,10 +27,12 @@ from sim.triangle import wet_triangles_wrench
 
 __all__ = [
     "Buoyancy",
+    "Chord",
     "DivergenceError",
     "Hull",
     "Linear",
     "Recorder",
+    "Reference",
     "Sample",
     "Scene",
     "Sea",

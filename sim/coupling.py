@@ -7,28 +7,17 @@ is one for the whole process and sees every model, so it is set only inside a `w
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from time import perf_counter
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.methods import METHODS, Method
-from sim.mjcf import read_model
+from sim.methods import Method
+from sim.mjcf import FloatingGeom, read_model
 from sim.sea import Sea
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Float:
-    """A hull that floats: its name, its body's id, and the method that knows its wrench; the
-    method's hull is given in the body's inertial frame (xipos, ximat)."""
-
-    name: str
-    body: int
-    method: Method
 
 
 class Buoyancy:
@@ -50,7 +39,7 @@ class Buoyancy:
     wrenches were written and the wall time that took.
     """
 
-    def __init__(self, model: mujoco.MjModel, sea: Sea, floats: Sequence[Float]) -> None:
+    def __init__(self, model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom]) -> None:
         self.model = model
         self.sea = sea
         self.floats = tuple(floats)
@@ -69,12 +58,7 @@ class Buoyancy:
         """Read the model's custom fields (see `sim.mjcf`); `method` overrules them for all geoms
         and `tolerance` [m of water height] for the methods that take one. Raises ValueError
         that names the element at fault."""
-        settings = read_model(model, method, tolerance)
-        floats = [
-            Float(geom.name, geom.body, METHODS[geom.method](geom.hull, settings.sea))
-            for geom in settings.geoms
-        ]
-        return cls(model, settings.sea, floats)
+        return cls(model, *read_model(model, method, tolerance))
 
     @property
     def body_names(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ A scene is one MJCF file; what concerns the water stands in its `<custom>` eleme
     text    buoyancy_method           how wrenches are computed        (see sim.methods)
     text    buoyancy_method_<geom>    the same for one geom
     numeric buoyancy_tolerance        m of water height, for methods that take one
+    numeric chord_samples             points of a chord, for the method chord
     tuple   buoyant                   the geoms whose surface is a hull
 
 Everything else (mass, inertia, joints, initial keyframe, timestep) is MuJoCo's own business.
@@ -22,12 +23,12 @@ import trimesh
 from numpy.typing import NDArray
 
 from sim.hull import Hull
-from sim.methods import METHODS
+from sim.methods import Method, Settings, make_method
 from sim.sea import Sea, Wave
 
 SEA_WATER_DENSITY = 1025.0  # kg/m^3, at 15 degrees C and 35 g/kg of salt
 
-OWN_PREFIXES = ("water", "wave", "buoyan")
+OWN_PREFIXES = ("water", "wave", "buoyan", "chord_")
 """Custom elements that begin so are ours: one we do not know is a typing error, not ignored."""
 
 SPHERE_SUBDIVISIONS = 3
@@ -40,31 +41,24 @@ ROUND_SECTIONS = 64
 GeomType = mujoco.mjtGeom
 
 
+DEFAULT_METHOD = "linear"
+
+
 @dataclass(frozen=True)
 class FloatingGeom:
-    """A geom that the water pushes: its name, its body's id, its hull in the body's inertial
-    frame (the frame of xipos, ximat) and the name of the method that computes its wrench."""
+    """A geom that the water pushes: its name, its body's id, and the method that knows its wrench;
+    the method's hull is given in the body's inertial frame (xipos, ximat)."""
 
     name: str
     body: int
-    hull: Hull
-    method: str
-
-
-@dataclass(frozen=True)
-class WaterSettings:
-    """All that a model says about water: the sea, the floating geoms and the tolerance
-    [m of water height] of the methods that take one (None: each method's own default)."""
-
-    sea: Sea
-    geoms: tuple[FloatingGeom, ...]
-    tolerance: float | None
+    method: Method
 
 
 def read_model(
     model: mujoco.MjModel, method: str | None = None, tolerance: float | None = None
-) -> WaterSettings:
-    """Read a compiled model; `method` and `tolerance` overrule what it says, for all geoms.
+) -> tuple[Sea, tuple[FloatingGeom, ...]]:
+    """The sea and the floating geoms of a compiled model; `method` and `tolerance` overrule what
+    it says, for all geoms.
 
     Raises ValueError that names the element at fault and the remedy.
     """
@@ -72,17 +66,18 @@ def read_model(
     numerics, texts = _own_numerics(model), _own_texts(model)
     sea = _read_sea(model, numerics)
     geom_ids = _buoyant_geoms(model)
-    methods = _read_methods(model, texts, geom_ids, method)
-    geoms = tuple(
-        FloatingGeom(
-            name=model.geom(g).name,
-            body=int(model.geom_bodyid[g]),
-            hull=_geom_hull(model, g),
-            method=methods[g],
-        )
-        for g in geom_ids
-    )
-    return WaterSettings(sea, geoms, _read_tolerance(numerics, tolerance))
+    settings = _read_settings(numerics, tolerance)
+    _check_geoms_of_methods(model, texts, geom_ids)
+    floats = []
+    for g in geom_ids:
+        name, hull = model.geom(g).name, _geom_hull(model, g)
+        source, text = _method_of(name, texts, method)
+        try:
+            made = make_method(text, hull, sea, settings)
+        except ValueError as error:
+            raise ValueError(f"{source}: {error}") from None
+        floats.append(FloatingGeom(name, int(model.geom_bodyid[g]), made))
+    return sea, tuple(floats)
 
 
 def _check_physics(model: mujoco.MjModel) -> None:
@@ -124,7 +119,7 @@ def _refuse_unknown(kind: str, name: str, known: str) -> None:
 
 
 def _own_numerics(model: mujoco.MjModel) -> dict[str, NDArray[np.float64]]:
-    single = ("water_density", "water_level", "buoyancy_tolerance")
+    single = ("water_density", "water_level", "buoyancy_tolerance", "chord_samples")
     found = {}
     for i, name in _names(model, mujoco.mjtObj.mjOBJ_NUMERIC, model.nnumeric):
         if name not in single and not name.startswith("wave_"):
@@ -209,41 +204,44 @@ def _check_movable(model: mujoco.MjModel, geom: int) -> None:
         )
 
 
-def _read_methods(
-    model: mujoco.MjModel, texts: dict[str, str], geom_ids: list[int], overruling: str | None
-) -> dict[int, str]:
-    """The method of each buoyant geom: overruled, else its own, else the scene's, else linear."""
-    names = {model.geom(g).name: g for g in geom_ids}
-    prefix = "buoyancy_method_"
+METHOD_OF = "buoyancy_method_"
+
+
+def _check_geoms_of_methods(
+    model: mujoco.MjModel, texts: dict[str, str], geom_ids: list[int]
+) -> None:
+    names = [model.geom(g).name for g in geom_ids]
     for text in texts:
-        if text.startswith(prefix) and text.removeprefix(prefix) not in names:
+        if text.startswith(METHOD_OF) and text.removeprefix(METHOD_OF) not in names:
             raise ValueError(
                 f"custom text '{text}' names no geom of the tuple 'buoyant' "
                 f"(which has {', '.join(names)}); correct the name or list the geom"
             )
-    sources = {f"custom text '{name}'": value for name, value in texts.items()}
+
+
+def _method_of(geom: str, texts: dict[str, str], overruling: str | None) -> tuple[str, str]:
+    """Who says which method a geom has, and what: the caller, else the geom's own text, else the
+    scene's, else the default."""
     if overruling is not None:
-        sources = {"the method asked for": overruling}
-    for source, value in sources.items():
-        if value not in METHODS:
-            raise ValueError(f"{source} is '{value}'; expected one of: {', '.join(METHODS)}")
-    common = texts.get("buoyancy_method", "linear")
-    return {g: overruling or texts.get(prefix + name, common) for name, g in names.items()}
+        return "the method asked for", overruling
+    for name in (METHOD_OF + geom, "buoyancy_method"):
+        if name in texts:
+            return f"custom text '{name}'", texts[name]
+    return "the default method", DEFAULT_METHOD
 
 
-def _read_tolerance(
-    numerics: dict[str, NDArray[np.float64]], overruling: float | None
-) -> float | None:
-    value = overruling
-    if value is None:
-        if "buoyancy_tolerance" not in numerics:
-            return None
-        value = float(numerics["buoyancy_tolerance"][0])
-    if not (np.isfinite(value) and value > 0):
+def _read_settings(numerics: dict[str, NDArray[np.float64]], tolerance: float | None) -> Settings:
+    if tolerance is None and "buoyancy_tolerance" in numerics:
+        tolerance = float(numerics["buoyancy_tolerance"][0])
+    if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
         raise ValueError(
-            f"the buoyancy tolerance is {value:g} m of water height; it must be finite and above 0"
+            f"the buoyancy tolerance is {tolerance:g} m of water height; it must be finite and "
+            "above 0"
         )
-    return value
+    samples = float(numerics.get("chord_samples", [Settings.chord_samples])[0])
+    if samples != int(samples) or samples < 0:
+        raise ValueError(f"custom numeric 'chord_samples' is {samples:g}; expected 0, 1, 2, ...")
+    return Settings(tolerance=tolerance, chord_samples=int(samples))
 
 
 def _geom_hull(model: mujoco.MjModel, geom: int) -> Hull:

@@ -135,11 +135,9 @@ class Sea:
 
     def _residual_tolerance(self) -> float:
         """Residual [m] that leaves ELEVATION_ERROR once its first-order effect is made up for: a
-        residual r then costs r^2/2 times the curvature, which 1 - sum k a bounds."""
-        curvature = sum(w.wavenumber**2 * w.amplitude for w in self.waves)
-        if curvature == 0.0:
-            return np.inf
-        return float(np.sqrt(2.0 * ELEVATION_ERROR * (1.0 - self.steepness) ** 3 / curvature))
+        residual r then costs r^2/2 times the curvature."""
+        curvature = self.curvature_bound
+        return float(np.sqrt(2.0 * ELEVATION_ERROR / curvature)) if curvature > 0.0 else np.inf
 
     @property
     def steepness(self) -> float:
@@ -150,6 +148,17 @@ class Sea:
     def amplitude(self) -> float:
         """Sum of the amplitudes [m]: no crest rises and no trough falls further from the level."""
         return float(sum(wave.amplitude for wave in self.waves))
+
+    @property
+    def curvature_bound(self) -> float:
+        """Bound [1/m] on the elevation's second derivatives, everywhere and in any direction.
+
+        In the formula of H (see `gerstner.surface_jet`) each factor J^-1 is at most
+        1 / (1 - sum k a) and the sum, as |G| <= sum k a / (1 - sum k a), at most
+        sum k^2 a / (1 - sum k a).
+        """
+        total = sum(w.wavenumber**2 * w.amplitude for w in self.waves)
+        return float(total / (1.0 - self.steepness) ** 3)
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
         """Height z of the surface [m] above the points (x, y) at a time.

@@ -81,6 +81,47 @@ def wet_triangles_wrench(
     return -density * gravity * out
 
 
+@kernel
+def clip_count(heads):
+    """Triangles that the wet parts of triangles with heads (N, 3) are made of: 1 each with one
+    or three wet corners, 2 each with two."""
+    count = 0
+    for i in range(heads.shape[0]):
+        wet = (heads[i, 0] > 0.0) + (heads[i, 1] > 0.0) + (heads[i, 2] > 0.0)
+        count += 2 if wet == 2 else min(wet, 1)
+    return count
+
+
+@kernel
+def clipped(corners, heads):
+    """Wet parts of triangles (N, 3, 3) whose heads (N, 3) are linear: triangles (M, 3, 3) with
+    heads (M, 3) again, which sum to the wet part."""
+    count = clip_count(heads)
+    wet_corners, wet_heads = np.empty((count, 3, 3)), np.empty((count, 3))
+    polygon, values = np.empty((4, 3)), np.empty(4)
+    n = 0
+    for f in range(corners.shape[0]):
+        size = 0
+        for i in range(3):
+            j = (i + 1) % 3
+            ei, ej = heads[f, i], heads[f, j]
+            if ei > 0.0:
+                polygon[size], values[size] = corners[f, i], ei
+                size += 1
+            if (ei > 0.0) != (ej > 0.0):
+                along = ei / (ei - ej)
+                polygon[size] = corners[f, i] + along * (corners[f, j] - corners[f, i])
+                values[size] = 0.0
+                size += 1
+        for k in range(1, size - 1):
+            wet_corners[n, 0], wet_corners[n, 1], wet_corners[n, 2] = (
+                polygon[0], polygon[k], polygon[k + 1],
+            )  # fmt: skip
+            wet_heads[n, 0], wet_heads[n, 1], wet_heads[n, 2] = values[0], values[k], values[k + 1]
+            n += 1
+    return wet_corners, wet_heads
+
+
 @njit(inline="always")
 def clip_dry_part(ax, ay, az, bx, by, bz, cx, cy, cz, ea, eb, ec):
     """What a straight clip takes from the corner sums of a triangle that the water cuts.

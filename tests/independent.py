@@ -96,3 +96,23 @@ def quadrature_wrench(corners, heads, about) -> np.ndarray:
         force = -(pressure / 3.0)[:, None] * area
         wrench += np.concatenate([force.sum(axis=0), np.cross(point, force).sum(axis=0)])
     return wrench
+
+
+def random_poses(count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Positions within 3 m sideways and 0.4 m of the level, any rotation, times within 10 s."""
+    rng = np.random.default_rng(seed)
+    return [
+        (rng.uniform(-1.0, 1.0, 3) * [3.0, 3.0, 0.4], random_rotation(rng), rng.uniform(0.0, 10.0))
+        for _ in range(count)
+    ]
+
+
+def relative_error(wrench: np.ndarray, truth: np.ndarray, hull: Hull) -> float:
+    """Largest error over force and torque, relative to density * gravity * volume (* 1 m)."""
+    return float(np.abs(wrench - truth).max() / (DENSITY * GRAVITY * hull.volume))
+
+
+def mean_error(wrenches: list[np.ndarray], truths: list[np.ndarray], hull: Hull) -> float:
+    """Mean of `relative_error` over several poses."""
+    pairs = zip(wrenches, truths, strict=True)
+    return float(np.mean([relative_error(wrench, truth, hull) for wrench, truth in pairs]))

@@ -24,7 +24,7 @@ OUTSIDE = {
     "mujoco": {"mjcf", "coupling", "scene", "simulation"},
     "trimesh": {"mjcf"},
     "rerun": {"recording"},
-    "numba": {"gerstner", "triangle"},
+    "numba": {"gerstner", "triangle", "methods"},
 }
 """Which layers may import a package from outside."""
 

@@ -7,12 +7,12 @@ import trimesh
 from scenes import CUBE, WAVES, model, xml
 
 from independent import MODELS, ROUND_OFF
-from sim import Buoyancy
-from sim.mjcf import read_model
+from sim import Buoyancy, Chord, Linear
 
 
 def test_reads_the_sea():
-    sea = read_model(model(custom='<numeric name="water_level" data="0.5"/>' + WAVES)).sea
+    compiled = model(custom='<numeric name="water_level" data="0.5"/>' + WAVES)
+    sea = Buoyancy.from_model(compiled).sea
     assert (sea.density, sea.gravity, sea.level) == (1025.0, 9.81, 0.5)
     assert [w.amplitude for w in sea.waves] == [0.10, 0.06, 0.03]
     assert [w.wavelength for w in sea.waves] == [4.0, 2.4, 1.4]
@@ -21,12 +21,12 @@ def test_reads_the_sea():
 
 
 def test_gravity_is_the_models_own():
-    assert read_model(model(option='<option gravity="0 0 -1.62"/>')).sea.gravity == 1.62
+    assert Buoyancy.from_model(model(option='<option gravity="0 0 -1.62"/>')).sea.gravity == 1.62
 
 
 def test_other_peoples_custom_elements_are_left_alone():
     other = '<numeric name="gain" data="1 2"/><text name="author" data="me"/>'
-    assert len(read_model(model(custom=other)).geoms) == 1
+    assert len(Buoyancy.from_model(model(custom=other)).floats) == 1
 
 
 GEOMS = {
@@ -46,14 +46,15 @@ def test_primitives_have_their_exact_volume_and_place(kind):
     second = '<geom type="sphere" size="0.1" pos="-1 0 0"/>'
     body = f'<body><freejoint/><geom name="g" {shape} {place}/>{second}</body>'
     compiled = model(body, ("g",))
-    (geom,) = read_model(compiled).geoms
-    assert geom.hull.volume == pytest.approx(volume, rel=ROUND_OFF)
+    (geom,) = Buoyancy.from_model(compiled).floats
+    hull = geom.method.hull
+    assert hull.volume == pytest.approx(volume, rel=ROUND_OFF)
     quaternion = compiled.body_iquat[1]
     inertial = trimesh.transformations.quaternion_matrix(quaternion)[:3, :3]
-    centroid = inertial @ geom.hull.centroid + compiled.body_ipos[1]
+    centroid = inertial @ hull.centroid + compiled.body_ipos[1]
     np.testing.assert_allclose(centroid, [0.2, -0.1, 0.4], atol=ROUND_OFF)
     # the farthest vertex from the geom's middle is as far as the shape says, within its facets
-    reach = np.linalg.norm(geom.hull.vertices - geom.hull.centroid, axis=1).max()
+    reach = np.linalg.norm(hull.vertices - hull.centroid, axis=1).max()
     expected = {"box": 0.5**0.5, "sphere": 0.5, "ellipsoid": 0.5, "cylinder": 0.34**0.5}
     assert reach == pytest.approx(expected.get(kind, 0.8), rel=4e-3)
 
@@ -63,24 +64,24 @@ def test_mesh_geom_is_the_file_in_the_inertial_frame():
     assets = f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}" inertia="exact"/>'
     body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" pos="1 2 3"/></body>'
     compiled = model(body, ("g",), assets=assets)
-    (geom,) = read_model(compiled).geoms
+    (geom,) = Buoyancy.from_model(compiled).floats
+    hull = geom.method.hull
     mesh = trimesh.load_mesh(MODELS / "meshes" / "bunny.obj", process=False)
-    assert len(geom.hull.faces) == len(mesh.faces)
-    assert geom.hull.volume == pytest.approx(mesh.volume, rel=1e-6)
-    np.testing.assert_allclose(geom.hull.centroid, 0.0, atol=1e-6)
+    assert len(hull.faces) == len(mesh.faces)
+    assert hull.volume == pytest.approx(mesh.volume, rel=1e-6)
+    np.testing.assert_allclose(hull.centroid, 0.0, atol=1e-6)
 
 
-def test_method_of_one_geom_overrules_the_scenes():
-    custom = '<text name="buoyancy_method" data="linear"/>'
-    custom += '<text name="buoyancy_method_cube" data="linear"/>'
-    assert read_model(model(custom=custom)).geoms[0].method == "linear"
-
-
-def test_tolerance_is_read_and_overruled():
-    compiled = model(custom='<numeric name="buoyancy_tolerance" data="1e-3"/>')
-    assert read_model(compiled).tolerance == 1e-3
-    assert read_model(compiled, tolerance=1e-4).tolerance == 1e-4
-    assert read_model(model()).tolerance is None
+def test_method_of_one_geom_overrules_the_scenes_and_the_caller_overrules_both():
+    custom = """
+    <text name="buoyancy_method" data="chord"/> <numeric name="chord_samples" data="7"/>
+    <text name="buoyancy_method_ball" data="linear"/>"""
+    ball = '<body pos="3 0 0"><freejoint/><geom name="ball" size="0.2"/></body>'
+    compiled = model(CUBE + ball, ("cube", "ball"), custom)
+    cube, ball = (f.method for f in Buoyancy.from_model(compiled).floats)
+    assert (type(cube), cube.samples, type(ball)) == (Chord, 7, Linear)
+    floats = Buoyancy.from_model(compiled, method="chord:2:crests").floats
+    assert all(f.method.samples == 2 and f.method.crests_only for f in floats)
 
 
 def mesh_model(file: str) -> str:
@@ -150,15 +151,23 @@ REFUSALS = {
     ),
     "unknown method": (
         dict(custom='<text name="buoyancy_method" data="magic"/>'),
-        "custom text 'buoyancy_method' is 'magic'; expected one of: linear",
+        "custom text 'buoyancy_method': 'magic' is no method; expected one of: linear, chord",
     ),
     "unknown method of a geom": (
         dict(custom='<text name="buoyancy_method_cube" data="magic"/>'),
-        "'buoyancy_method_cube' is 'magic'",
+        "'buoyancy_method_cube': 'magic' is no method",
     ),
     "method of an unknown geom": (
         dict(custom='<text name="buoyancy_method_ball" data="linear"/>'),
         "'buoyancy_method_ball' names no geom of the tuple 'buoyant' .which has cube",
+    ),
+    "half a sample": (
+        dict(custom='<numeric name="chord_samples" data="1.5"/>'),
+        "'chord_samples' is 1.5",
+    ),
+    "too many settings": (
+        dict(custom='<text name="buoyancy_method" data="linear:3"/>'),
+        "method 'linear:3': found 1 settings, expected at most 0",
     ),
     "negative tolerance": (
         dict(custom='<numeric name="buoyancy_tolerance" data="-1"/>'),
@@ -179,7 +188,7 @@ def test_refusals_name_the_element_and_the_remedy(case):
 
 
 def test_overruling_method_and_tolerance_are_checked_too():
-    with pytest.raises(ValueError, match="the method asked for is 'magic'"):
+    with pytest.raises(ValueError, match="the method asked for: 'magic' is no"):
         Buoyancy.from_model(model(), method="magic")
     with pytest.raises(ValueError, match="tolerance is 0 m"):
         Buoyancy.from_model(model(), tolerance=0.0)

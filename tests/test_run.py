@@ -61,7 +61,10 @@ BROKEN = {
     "no file": (["nowhere.xml"], "there is no scene file nowhere.xml"),
     "not MJCF": (["broken.xml"], "MuJoCo cannot compile it"),
     "nothing floats": (["empty.xml"], "nothing floats"),
-    "unknown method": ([MODELS / "cube.xml", "--method", "magic"], "'magic'; expected one of"),
+    "unknown method": (
+        [MODELS / "cube.xml", "--method", "magic"],
+        "'magic' is no method; expected one of",
+    ),
     "no duration": ([MODELS / "cube.xml", "--duration", "0"], "--duration: 0 is not"),
     "no number": ([MODELS / "cube.xml", "--rate", "fast"], "--rate: invalid positive value"),
     "infinite": ([MODELS / "cube.xml", "--timestep", "inf"], "--timestep: inf is not"),

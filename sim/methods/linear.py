@@ -12,6 +12,7 @@ water cuts the part that the clip takes away. Only that last part looks at trian
 """
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from sim.gerstner import kernel, solve_heights
@@ -33,8 +34,8 @@ class Linear:
     def __init__(self, hull: Hull, sea: Sea) -> None:
         self.hull = hull
         self.sea = sea
-        self._weights = _vertex_weights(hull)
-        self._longest_edge = _longest_edge(hull)
+        self._weights = vertex_weights(hull)
+        self._longest_edge = longest_edge(hull)
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
         """Force [N] and torque [N m] about the position, world axes: (6,).
@@ -63,7 +64,7 @@ class Linear:
         return out
 
 
-def _vertex_weights(hull: Hull) -> Array:
+def vertex_weights(hull: Hull) -> Array:
     """(V, 6): A_v [m^2] and B_v [m^3] of the module's docstring, body frame."""
     corners = hull.vertices[hull.faces]
     area = hull.area_vectors
@@ -75,9 +76,20 @@ def _vertex_weights(hull: Hull) -> Array:
     return weights
 
 
-def _longest_edge(hull: Hull) -> float:
+def longest_edge(hull: Hull) -> float:
     corners = hull.vertices[hull.faces]
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+
+
+@njit(inline="always")
+def placed(point, position, rotation):
+    """World coordinates of a point given in the body frame."""
+    r, a, b, c = rotation, point[0], point[1], point[2]
+    return (
+        position[0] + (r[0, 0] * a + r[0, 1] * b + r[0, 2] * c),
+        position[1] + (r[1, 0] * a + r[1, 1] * b + r[1, 2] * c),
+        position[2] + (r[2, 0] * a + r[2, 1] * b + r[2, 2] * c),
+    )
 
 
 @kernel
@@ -92,14 +104,10 @@ def heads_at_vertices(
     count = vertices.shape[0]
     x, y, heights = np.empty(count), np.empty(count), np.empty(count)
     chosen = np.empty(count, np.int64)
-    r = rotation
     active = 0
     for v in range(count):
-        bx, by, bz = vertices[v, 0], vertices[v, 1], vertices[v, 2]
-        z = position[2] + (r[2, 0] * bx + r[2, 1] * by + r[2, 2] * bz) - level
-        heads[v] = amplitude - z
-        x[active] = position[0] + (r[0, 0] * bx + r[0, 1] * by + r[0, 2] * bz)
-        y[active] = position[1] + (r[1, 0] * bx + r[1, 1] * by + r[1, 2] * bz)
+        x[active], y[active], z = placed(vertices[v], position, rotation)
+        heads[v] = level + amplitude - z
         chosen[active] = v
         active += not heads[v] < -reach
     solve_heights(x[:active], y[:active], components, time, tolerance, heights[:active])
@@ -111,18 +119,26 @@ def heads_at_vertices(
     return wet
 
 
+@njit(inline="always")
+def odd_corner_first(face, heads):
+    """Whether the water cuts a face, and its corners turned so that the odd one, the only wet
+    or the only dry one, comes first."""
+    a, b, c = face[0], face[1], face[2]
+    wet_a, wet_b, wet_c = heads[a] > 0.0, heads[b] > 0.0, heads[c] > 0.0
+    if wet_a == wet_c:
+        a, b, c = b, c, a
+    elif wet_a == wet_b:
+        a, b, c = c, a, b
+    return not (wet_a == wet_b and wet_b == wet_c), a, b, c
+
+
 @kernel
 def subtract_dry_parts(vertices, faces, area_vectors, heads, out):
     """Take from the sums over wet vertices, out (6,), what the clip removes from cut triangles."""
     for f in range(faces.shape[0]):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        wet_a, wet_b, wet_c = heads[a] > 0.0, heads[b] > 0.0, heads[c] > 0.0
-        if wet_a == wet_b and wet_b == wet_c:
+        is_cut, a, b, c = odd_corner_first(faces[f], heads)
+        if not is_cut:
             continue
-        if wet_a == wet_c:  # b is the odd corner
-            a, b, c = b, c, a
-        elif wet_a == wet_b:  # c is
-            a, b, c = c, a, b
         va, vb, vc = vertices[a], vertices[b], vertices[c]
         share, mx, my, mz = clip_dry_part(
             va[0], va[1], va[2], vb[0], vb[1], vb[2], vc[0], vc[1], vc[2],
@@ -162,6 +178,17 @@ def lowest_height(bounds, position, rotation):
 
 
 @kernel
+def turned_into_world(rotation, body, out):
+    """Turn force and torque (6,) from the body frame into world axes."""
+    for i in range(3):
+        out[i] = 0.0
+        out[3 + i] = 0.0
+        for j in range(3):
+            out[i] += rotation[i, j] * body[j]
+            out[3 + i] += rotation[i, j] * body[3 + j]
+
+
+@kernel
 def linear_wrench(
     vertices, faces, area_vectors, bounds, weights, longest_edge,
     components, tolerance, level, amplitude,
@@ -180,7 +207,4 @@ def linear_wrench(
         return
     body = np.zeros(6)
     sum_wet_body_frame(vertices, faces, area_vectors, weights, heads, wet, body)
-    for i in range(3):
-        for j in range(3):
-            out[i] += rotation[i, j] * body[j]
-            out[3 + i] += rotation[i, j] * body[3 + j]
+    turned_into_world(rotation, body, out)

@@ -1,0 +1,184 @@
+"""Reference: the wrench converged to a stated error; the truth to measure other methods against.
+
+The hull's triangles are flat, the water's surface over them is curved. Triangles are halved in
+both directions, level by level, until each piece is one of three:
+
+- surely dry: adds nothing;
+- surely wet: the head is smooth and Gauss quadrature takes care of it, the difference of two orders
+  being the error's estimate; a piece that misses its share of the tolerance is halved again;
+- on the waterline: clipped straight, with the elevation linear over the piece. Only these few
+  pieces are halved down to the smallest size; their error falls with its third power (the second
+  from the linear elevation, the first from the shrinking band).
+
+"Surely" means beyond the sag of the surface over the piece: a linear interpolation over a
+triangle within a circle of radius r misses by at most M r^2 / 2, M bounding the surface's
+second derivatives everywhere. The surface is therefore never taken for flat, wherever
+it may bulge between the corners.
+"""
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+from numpy.typing import ArrayLike, NDArray
+
+from sim.hull import Hull
+from sim.sea import Sea
+from sim.triangle import clipped, sum_wet
+
+Array = NDArray[np.float64]
+
+MAX_LEVELS = 24
+"""Halvings after which even a kilometre is a tenth of a millimetre: more would be round-off."""
+
+
+class Reference:
+    """Wrench of a hull in a sea, converged to `tolerance`, relative to density * gravity * volume
+    (force; for the torque times the hull's largest distance from its frame's origin).
+
+    Slow: thousands to millions of elevations a call. Raises RuntimeError when the tolerance
+    is out of reach of double precision.
+    """
+
+    def __init__(self, hull: Hull, sea: Sea, tolerance: float = 1e-9) -> None:
+        if not (np.isfinite(tolerance) and tolerance > 0):
+            raise ValueError(f"the tolerance is {tolerance}; it must be finite and above 0")
+        self.hull = hull
+        self.sea = sea
+        self.tolerance = float(tolerance)
+        self._area = float(np.linalg.norm(hull.area_vectors, axis=1).sum())
+
+    def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
+        """Force [N] and torque [N m] about the position, world axes: (6,).
+
+        position: (3,) [m], the hull frame's origin in the world; rotation: (3, 3) or (9,),
+        hull -> world; time [s].
+        """
+        position = np.asarray(position, dtype=float)
+        rotation = np.asarray(rotation, dtype=float).reshape(3, 3)
+        corners = (self.hull.vertices @ rotation.T)[self.hull.faces]
+        total = self._integrate(_Water(self.sea, position, float(time)), corners)
+        return -self.sea.density * self.sea.gravity * total
+
+    def _integrate(self, water: "_Water", corners: Array) -> Array:
+        """Sum (6,) over - density gravity of the wet part of triangles (N, 3, 3), given in world
+        axes from the hull frame's origin."""
+        allowed = (
+            0.5 * self.tolerance * self.hull.volume
+        )  # half for the wet, half for the waterline
+        heads = water.heads(corners)
+        total = np.zeros(6)
+        for _ in range(MAX_LEVELS):
+            sag = self.sea.curvature_bound * 0.5 * _horizontal_radius(corners) ** 2
+            wet = heads.min(axis=1) >= sag
+            dry = heads.max(axis=1) <= -sag
+            sums, rough = self._integrate_wet(water, corners[wet], allowed / self._area)
+            total += sums
+            waterline = ~wet & ~dry
+            children, child_heads, error = _halved(water, corners[waterline], heads[waterline])
+            if error <= allowed and self._resolved(corners[waterline]).all():
+                total += _sum_clipped(children, child_heads)
+                children, child_heads = children[:0], child_heads[:0]
+            if len(children) + len(rough) == 0:
+                return total
+            rough_children, rough_heads, _ = _halved(water, rough, water.heads(rough))
+            corners = np.concatenate([children, rough_children])
+            heads = np.concatenate([child_heads, rough_heads])
+        raise RuntimeError(
+            f"the wrench did not converge to {self.tolerance:g} of density * gravity * volume in "
+            f"{MAX_LEVELS} halvings; ask for a larger tolerance"
+        )
+
+    def _resolved(self, corners: Array) -> Array:
+        """Which triangles (N,) are small enough for samples of the surface to tell its shape: large
+        ones may meet the same phase of a short wave at every sample."""
+        shortest = max((w.wavenumber for w in self.sea.waves), default=0.0)
+        return _horizontal_radius(corners) * shortest <= 1.0 - self.sea.steepness
+
+    def _integrate_wet(
+        self, water: "_Water", corners: Array, allowed: float
+    ) -> tuple[Array, Array]:
+        """Sum (6,) over those wet triangles whose quadrature error is below `allowed` [m] times
+        their area, and the corners of the others."""
+        resolved = self._resolved(corners)
+        unresolved, corners = corners[~resolved], corners[resolved]
+        coarse, _ = _quadrature(water, corners, COARSE_RULE)
+        head, moment = _quadrature(water, corners, FINE_RULE)
+        good = np.abs(head - coarse) <= allowed
+        area = _area_vectors(corners[good])
+        force = head[good] @ area
+        torque = np.cross(moment[good], area).sum(axis=0)
+        return np.concatenate([force, torque]), np.concatenate([corners[~good], unresolved])
+
+
+class _Water:
+    """Heads at points given from the hull frame's origin, at one time."""
+
+    def __init__(self, sea: Sea, position: Array, time: float) -> None:
+        self.sea, self.position, self.time = sea, position, time
+
+    def heads(self, points: Array) -> Array:
+        """Heads (...) [m] at points (..., 3) [m]."""
+        x, y, z = np.moveaxis(points + self.position, -1, 0)
+        return self.sea.elevation(x, y, self.time) - z
+
+
+def _horizontal_radius(corners: Array) -> Array:
+    """Radius (N,) [m] of a circle that, seen from above, covers the triangle: its longest side
+    over the root of 3 (Jung's theorem)."""
+    sides = corners[..., :2] - np.roll(corners[..., :2], 1, axis=1)
+    return np.linalg.norm(sides, axis=2).max(axis=1) / np.sqrt(3.0)
+
+
+def _halved(water: _Water, corners: Array, heads: Array) -> tuple[Array, Array, float]:
+    """Four children of each triangle with their heads, and what taking the elevation as linear
+    over the children costs the volume [m^3]: a quarter of what it costs over the parents, where
+    the midpoints integrate its deviation exactly to second order."""
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=1))  # of the sides ab, bc, ca
+    middle_heads = water.heads(middles)
+    deviation = np.abs(middle_heads - 0.5 * (heads + np.roll(heads, -1, axis=1))).mean(axis=1)
+    error = float(0.25 * deviation @ _areas(corners))
+    children = np.concatenate(
+        [np.stack([corners[:, i], middles[:, i], middles[:, i - 1]], axis=1) for i in range(3)]
+        + [middles]
+    )
+    child_heads = np.concatenate(
+        [np.stack([heads[:, i], middle_heads[:, i], middle_heads[:, i - 1]], axis=1)
+         for i in range(3)]
+        + [middle_heads]
+    )  # fmt: skip
+    return children, child_heads, error
+
+
+def _areas(corners: Array) -> Array:
+    return np.linalg.norm(_area_vectors(corners), axis=1)
+
+
+def _area_vectors(corners: Array) -> Array:
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return 0.5 * np.cross(b - a, c - a)
+
+
+def _sum_clipped(corners: Array, heads: Array) -> Array:
+    total = np.empty(6)
+    sum_wet(*clipped(corners, heads), total)
+    return total
+
+
+def _rule(order: int) -> tuple[Array, Array]:
+    """Gauss rule on a triangle: barycentric points (n^2, 3) and weights that sum to 1, exact for
+    polynomials up to degree 2 n - 2; a square's rule with one side collapsed (Duffy 1982)."""
+    nodes, weights = leggauss(order)
+    u, w = 0.5 * (nodes + 1.0), 0.5 * weights
+    x, y = np.meshgrid(u, u, indexing="ij")
+    points = np.stack([1.0 - x, x * (1.0 - y), x * y], axis=-1).reshape(-1, 3)
+    return points, (2.0 * np.outer(w * u, w)).ravel()
+
+
+COARSE_RULE, FINE_RULE = _rule(4), _rule(6)
+
+
+def _quadrature(water: _Water, corners: Array, rule: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Means over triangles of the head (N,) [m] and of head times place (N, 3) [m^2]."""
+    points, weights = rule
+    places = np.einsum("qc,ncx->nqx", points, corners)
+    weighted = water.heads(places) * weights
+    return weighted.sum(axis=1), np.einsum("nq,nqx->nx", weighted, places)

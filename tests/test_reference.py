@@ -1,0 +1,157 @@
+"""Reference against closed integrals, against itself at other tolerances and other meshes."""
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.polynomial.legendre import leggauss
+
+from independent import (
+    DENSITY,
+    GRAVITY,
+    ROUND_OFF,
+    load_mesh,
+    mean_error,
+    meshes,
+    random_poses,
+    relative_error,
+    three_waves,
+)
+from sim import Hull, Linear, Reference, Sea, Wave
+
+BARGE = trimesh.creation.box(extents=[2.0, 1.0, 1.2])
+
+
+def label_above(wave: Wave, x: float) -> float:
+    """Label of the particle of one wave along x that is at x at time 0, by bisection."""
+
+    def place(label):
+        return label + wave.amplitude * np.cos(wave.wavenumber * label + wave.phase)
+
+    low, high = x - wave.amplitude, x + wave.amplitude
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if place(middle) < x else (low, middle)
+    return low
+
+
+def barge_wrench(wave: Wave, x: float, keel: float) -> np.ndarray:
+    """Wrench (6,) about the world's origin of the upright barge at (x, 0), its bottom at z = keel,
+    in one wave along x: integrals along the particles' labels, by Gauss-Legendre."""
+    k, a = wave.wavenumber, wave.amplitude
+    first, last = label_above(wave, x - 1.0), label_above(wave, x + 1.0)
+    nodes, weights = leggauss(60)
+    labels = 0.5 * (first + last) + 0.5 * (last - first) * nodes
+    theta = k * labels + wave.phase
+    dx = 0.5 * (last - first) * weights * (1.0 - k * a * np.sin(theta))
+    place, head = labels + a * np.cos(theta), a * np.sin(theta) - keel
+    up = head @ dx
+    pitch = -(place * head) @ dx
+    push = 0.0
+    for label, sign in ((first, 1.0), (last, -1.0)):  # the ends, from keel to surface
+        depth = a * np.sin(k * label + wave.phase) - keel
+        push += sign * depth**2 / 2.0
+        pitch += sign * (keel * depth**2 / 2.0 + depth**3 / 6.0)
+    return DENSITY * GRAVITY * np.array([push, 0.0, up, 0.0, pitch, 0.0])
+
+
+@pytest.mark.parametrize("steepness", [0.1, 0.5, 0.8])
+@pytest.mark.parametrize("length", [0.7, 2.3, 40.0])
+def test_upright_barge_in_a_long_crested_wave(steepness, length):
+    wave = Wave(min(steepness * length / (2.0 * np.pi), 0.3), length, 0.0, 0.9)
+    reference = Reference(Hull.from_trimesh(BARGE), Sea([wave]))
+    position = np.array([0.3, 0.0, 0.1])
+    wrench = reference.wrench(position, np.eye(3), 0.0)
+    wrench[3:] += np.cross(position, wrench[:3])  # about the world's origin
+    expected = barge_wrench(wave, 0.3, 0.1 - 0.6)
+    assert relative_error(wrench, expected, reference.hull) < 1e-9
+
+
+@pytest.mark.parametrize("name", ["cube", "bunny", "torus"])
+def test_error_keeps_below_the_tolerance(name):
+    mesh = BARGE if name == "cube" else meshes()[name]
+    hull, sea = Hull.from_trimesh(mesh), three_waves(0.6)
+    for pose in random_poses(5, seed=21):
+        truth = Reference(hull, sea, 1e-11).wrench(*pose)
+        for tolerance in (1e-4, 1e-6, 1e-8):
+            found = Reference(hull, sea, tolerance).wrench(*pose)
+            assert relative_error(found, truth, hull) < tolerance
+
+
+def test_error_falls_with_the_third_power_of_the_work():
+    """Work is the number of elevations: the pieces along the waterline, one over their size."""
+    hull, sea = Hull.from_trimesh(BARGE), three_waves(0.3)
+    poses = random_poses(8, seed=22)
+    truths = [Reference(hull, sea, 1e-12).wrench(*pose) for pose in poses]
+    errors, work = [], []
+    for tolerance in (1e-4, 1e-8):
+        counting = CountingSea(sea)
+        reference = Reference(hull, counting, tolerance)
+        found = [reference.wrench(*pose) for pose in poses]
+        errors.append(mean_error(found, truths, hull))
+        work.append(counting.count)
+    slope = np.log(errors[0] / errors[1]) / np.log(work[1] / work[0])
+    assert 2.4 < slope < 4.0, (errors, work)
+
+
+class CountingSea(Sea):
+    """A sea that counts the elevations asked of it."""
+
+    def __init__(self, sea: Sea) -> None:
+        super().__init__(sea.waves, sea.density, sea.gravity, sea.level)
+        object.__setattr__(self, "count", 0)
+
+    def elevation(self, x, y, time):
+        object.__setattr__(self, "count", self.count + np.size(x))
+        return super().elevation(x, y, time)
+
+
+@pytest.mark.parametrize("name", ["cube", "bunny"])
+def test_the_same_surface_meshed_differently_gives_the_same_wrench(name):
+    mesh = BARGE if name == "cube" else load_mesh("bunny")
+    once, sea = mesh.subdivide(), three_waves()
+    for pose in random_poses(3, seed=23):
+        wrenches = [
+            Reference(Hull.from_trimesh(m), sea).wrench(*pose)
+            for m in (mesh, once, once.subdivide())
+        ]
+        hull = Hull.from_trimesh(mesh)
+        assert relative_error(wrenches[1], wrenches[0], hull) < 1e-8
+        assert relative_error(wrenches[2], wrenches[0], hull) < 1e-8
+
+
+def test_sees_a_crest_inside_a_face_whose_corners_are_dry():
+    """A large flat face just above the still water, crossed by waves shorter than itself."""
+    hull = Hull.from_trimesh(trimesh.creation.box(extents=[4.0, 4.0, 1.0]))
+    sea = Sea([Wave(0.02, 0.5)])
+    pose = (np.array([0.0, 0.0, 0.51]), np.eye(3), 0.0)
+    wrench = Reference(hull, sea).wrench(*pose)
+    x = np.linspace(-2.0, 2.0, 40001)[:-1] + 5e-5
+    head = np.maximum(sea.elevation(x, 0.0, 0.0) - 0.01, 0.0)
+    expected = DENSITY * GRAVITY * 16.0 * head.mean()
+    assert wrench[2] == pytest.approx(expected, rel=1e-6)  # the midpoint rule's error
+
+
+def test_flat_water_is_exact():
+    hull, sea = Hull.from_trimesh(meshes()["bunny"]), Sea()
+    for pose in random_poses(5, seed=24):
+        expected = Linear(hull, sea).wrench(*pose)
+        assert relative_error(Reference(hull, sea).wrench(*pose), expected, hull) < ROUND_OFF
+
+
+def test_deep_and_dry_hulls():
+    hull, sea = Hull.from_trimesh(meshes()["bunny"]), three_waves()
+    assert not Reference(hull, sea).wrench([0.0, 0.0, 5.0], np.eye(3), 0.0).any()
+    deep = Reference(hull, sea).wrench([0.0, 0.0, -5.0], np.eye(3), 0.0)
+    assert deep[2] / (DENSITY * GRAVITY * hull.volume) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan])
+def test_refuses_a_tolerance_that_cannot_be(tolerance):
+    with pytest.raises(ValueError, match=r"tolerance is .*above 0"):
+        Reference(Hull.from_trimesh(BARGE), Sea(), tolerance)
+
+
+def test_says_so_when_the_tolerance_is_out_of_reach(monkeypatch):
+    monkeypatch.setattr("sim.methods.reference.MAX_LEVELS", 3)
+    with pytest.raises(RuntimeError, match=r"did not converge to 1e-09 .* 3 halvings"):
+        Reference(Hull.from_trimesh(BARGE), three_waves()).wrench([0, 0, 0], np.eye(3), 0.0)
