@@ -248,37 +248,47 @@ def curvature_sums(count, components, time, scratch):
 
 
 @kernel
-def jets_from_sums(x, y, scratch, jets):
-    """Jets (JET_ROWS, N) at x, y from both sums at labels close by. With G the gradient,
+def jets_from_sums(x, y, scratch):
+    """Turn both sums at labels close by into the surface's jets at x, y, in place: the height
+    stays in its row, the gradient G takes the SLOPE rows, the Hessian H the BEND rows,
 
         G = J^-1 sum d k a cos(theta)
-        H = J^-1 [ - sum d d^T k^2 a (sin(theta) - (G . d) cos(theta)) ] J^-1
+        H = J^-1 [ - sum d d^T k^2 a (sin(theta) - (G . d) cos(theta)) ] J^-1.
 
-    at the particle, from which the jet itself carries on to the point: what is left of the
-    residual r enters the height in third order, the gradient in second.
+    They hold at the particle; from there the jet itself carries on to the point, so that what is
+    left of the residual r enters the height in third order, the gradient in second.
+    (Three loops with few rows each: the compiler vectorises those.)
     """
     for i in range(x.size):
         gx, gy = newton_step(i, scratch[SLOPE_X, i], scratch[SLOPE_Y, i], scratch)
-        bxx = gx * scratch[TWIST_XXX, i] + gy * scratch[TWIST_XXY, i] - scratch[BEND_XX, i]
-        bxy = gx * scratch[TWIST_XXY, i] + gy * scratch[TWIST_XYY, i] - scratch[BEND_XY, i]
-        byy = gx * scratch[TWIST_XYY, i] + gy * scratch[TWIST_YYY, i] - scratch[BEND_YY, i]
-        px, py = newton_step(i, bxx, bxy, scratch)
-        qx, qy = newton_step(i, bxy, byy, scratch)
-        hxx, hxy = newton_step(i, px, qx, scratch)
-        hxy, hyy = newton_step(i, py, qy, scratch)
+        scratch[BEND_XX, i] = (
+            gx * scratch[TWIST_XXX, i] + gy * scratch[TWIST_XXY, i] - scratch[BEND_XX, i]
+        )
+        scratch[BEND_XY, i] = (
+            gx * scratch[TWIST_XXY, i] + gy * scratch[TWIST_XYY, i] - scratch[BEND_XY, i]
+        )
+        scratch[BEND_YY, i] = (
+            gx * scratch[TWIST_XYY, i] + gy * scratch[TWIST_YYY, i] - scratch[BEND_YY, i]
+        )
+        scratch[SLOPE_X, i], scratch[SLOPE_Y, i] = gx, gy
+    for i in range(x.size):
+        px, py = newton_step(i, scratch[BEND_XX, i], scratch[BEND_XY, i], scratch)
+        qx, qy = newton_step(i, scratch[BEND_XY, i], scratch[BEND_YY, i], scratch)
+        scratch[BEND_XX, i], scratch[BEND_XY, i] = newton_step(i, px, qx, scratch)
+        scratch[BEND_YY, i] = newton_step(i, py, qy, scratch)[1]
+    for i in range(x.size):
         rx = x[i] - scratch[LABEL_X, i] - scratch[OFFSET_X, i]
         ry = y[i] - scratch[LABEL_Y, i] - scratch[OFFSET_Y, i]
-        turn_x, turn_y = hxx * rx + hxy * ry, hxy * rx + hyy * ry
-        rise = (gx + 0.5 * turn_x) * rx + (gy + 0.5 * turn_y) * ry
-        jets[JET_HEIGHT, i] = scratch[HEIGHT, i] + rise
-        jets[JET_X, i] = gx + turn_x
-        jets[JET_Y, i] = gy + turn_y
-        jets[JET_XX, i] = hxx
-        jets[JET_XY, i] = hxy
-        jets[JET_YY, i] = hyy
         step_x, step_y = newton_step(i, rx, ry, scratch)
-        jets[JET_LABEL_X, i] = scratch[LABEL_X, i] + step_x
-        jets[JET_LABEL_Y, i] = scratch[LABEL_Y, i] + step_y
+        scratch[LABEL_X, i] += step_x
+        scratch[LABEL_Y, i] += step_y
+        turn_x = scratch[BEND_XX, i] * rx + scratch[BEND_XY, i] * ry
+        turn_y = scratch[BEND_XY, i] * rx + scratch[BEND_YY, i] * ry
+        rise_x = (scratch[SLOPE_X, i] + 0.5 * turn_x) * rx
+        rise_y = (scratch[SLOPE_Y, i] + 0.5 * turn_y) * ry
+        scratch[HEIGHT, i] += rise_x + rise_y
+        scratch[SLOPE_X, i] += turn_x
+        scratch[SLOPE_Y, i] += turn_y
 
 
 @kernel
@@ -297,4 +307,7 @@ def solve_jets(x, y, components, time, tolerance, jets):
         solve_chunk(px, py, components, time, tolerance, heights[:count], scratch)
         wave_sums(count, components, time, scratch)
         curvature_sums(count, components, time, scratch)
-        jets_from_sums(px, py, scratch, jets[:, start:end])
+        jets_from_sums(px, py, scratch)
+        jets[JET_HEIGHT : JET_Y + 1, start:end] = scratch[HEIGHT : SLOPE_Y + 1, :count]
+        jets[JET_XX : JET_YY + 1, start:end] = scratch[BEND_XX : BEND_YY + 1, :count]
+        jets[JET_LABEL_X : JET_LABEL_Y + 1, start:end] = scratch[LABEL_X : LABEL_Y + 1, :count]

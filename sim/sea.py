@@ -91,6 +91,9 @@ class Sea:
     waves: any number, none for flat water; density [kg/m^3]; gravity [m/s^2], downwards.
     Positions are world coordinates [m], times [s]; x, y and time broadcast. Immutable.
     Raises ValueError for waves that fold (sum of k a at 1 or above) and unusable numbers.
+
+    steepness: sum of k a over the waves, the surface is a graph below 1; amplitude [m]: sum of
+    the amplitudes, no crest rises and no trough falls further from the level.
     """
 
     waves: tuple[Wave, ...] = ()
@@ -98,6 +101,8 @@ class Sea:
     gravity: float = 9.81
     level: float = 0.0
     components: Array = field(init=False, repr=False, compare=False)
+    steepness: float = field(init=False, repr=False, compare=False)
+    amplitude: float = field(init=False, repr=False, compare=False)
     residual_tolerance: float = field(init=False, repr=False, compare=False)
 
     def __init__(
@@ -115,6 +120,8 @@ class Sea:
         values = {"waves": tuple(waves), "density": density, "gravity": gravity, "level": level}
         for name, value in values.items():
             object.__setattr__(self, name, value if name == "waves" else float(value))
+        object.__setattr__(self, "steepness", float(sum(w.steepness for w in self.waves)))
+        object.__setattr__(self, "amplitude", float(sum(w.amplitude for w in self.waves)))
         if self.steepness >= 1.0:
             raise ValueError(
                 f"the waves fold: the sum of k a over {len(self.waves)} waves is "
@@ -145,16 +152,6 @@ class Sea:
         residual r then costs r^2/2 times the curvature."""
         curvature = self.curvature_bound
         return float(np.sqrt(2.0 * ELEVATION_ERROR / curvature)) if curvature > 0.0 else np.inf
-
-    @property
-    def steepness(self) -> float:
-        """Sum of k a over the waves; the surface is a graph below 1."""
-        return float(sum(wave.steepness for wave in self.waves))
-
-    @property
-    def amplitude(self) -> float:
-        """Sum of the amplitudes [m]: no crest rises and no trough falls further from the level."""
-        return float(sum(wave.amplitude for wave in self.waves))
 
     @property
     def curvature_bound(self) -> float:
