@@ -174,8 +174,8 @@ def main(arguments: list[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"run.py: {error}", file=sys.stderr)
         return UNUSABLE_INPUT
-    if options.tolerance is not None and not options.quiet:
-        print("run.py: note: the method linear takes no tolerance", file=sys.stderr)
+    if options.tolerance is not None and not scene.buoyancy.takes_tolerance:
+        print("run.py: note: none of the scene's methods takes a tolerance", file=sys.stderr)
     tally = Tally(scene)
     started = perf_counter()
     with recorder or nullcontext():

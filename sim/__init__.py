@@ -18,7 +18,7 @@ Nothing below mjcf knows MuJoCo and nothing but recording knows Rerun.
 
 from sim.coupling import Buoyancy
 from sim.hull import Hull
-from sim.methods import Chord, Linear, Reference
+from sim.methods import Chord, Linear, Patches, Reference
 from sim.recording import Recorder
 from sim.scene import Scene
 from sim.sea import Sea, Wave
@@ -31,6 +31,7 @@ __all__ = [
     "DivergenceError",
     "Hull",
     "Linear",
+    "Patches",
     "Recorder",
     "Reference",
     "Sample",

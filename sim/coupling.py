@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.methods import Method
+from sim.methods import Method, Patches, PatchFleet
 from sim.mjcf import FloatingGeom, read_model
 from sim.sea import Sea
 
@@ -48,8 +48,9 @@ class Buoyancy:
         )
         self.calls = 0
         self.seconds = 0.0
+        self._fleet, self._others = _sorted_by_call(self.floats)
         self._data: mujoco.MjData | None = None
-        self._rows: list[tuple[Array, Array, Array, list[Method]]] = []
+        self._views: tuple[Array, Array, Array] = ()
 
     @classmethod
     def from_model(
@@ -64,6 +65,11 @@ class Buoyancy:
     def body_names(self) -> tuple[str, ...]:
         """Names of `bodies`; 'body <id>' for one without a name."""
         return tuple(self.model.body(b).name or f"body {b}" for b in self.bodies)
+
+    @property
+    def takes_tolerance(self) -> bool:
+        """Whether any of the hulls' methods has a tolerance of water height."""
+        return self._fleet is not None
 
     def apply(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Write the wrenches for the state in `data`; call it before each `mj_step`.
@@ -115,24 +121,29 @@ class Buoyancy:
     def _bind(self, data: mujoco.MjData) -> None:
         """Keep views of the arrays of `data`: asking for them anew costs more than using them."""
         self._data = data
-        self._rows = [
-            (
-                data.xfrc_applied[body],
-                data.xipos[body],
-                data.ximat[body].reshape(3, 3),
-                [f.method for f in self.floats if f.body == body],
-            )
-            for body in self.bodies
-        ]
+        self._views = (data.xipos, data.ximat, data.xfrc_applied)
 
     def _write(self, data: mujoco.MjData) -> None:
         started = perf_counter()
         if data is not self._data:
             self._bind(data)
         time = data.time
-        for row, position, rotation, (first, *others) in self._rows:
-            row[:] = first.wrench(position, rotation, time)
-            for method in others:
-                row += method.wrench(position, rotation, time)
+        positions, rotations, rows = self._views
+        rows[self.bodies] = 0.0
+        if self._fleet is not None:
+            self._fleet.add_wrenches(positions, rotations, time, rows)
+        for body, method in self._others:
+            rows[body] += method.wrench(positions[body], rotations[body], time)
         self.calls += 1
         self.seconds += perf_counter() - started
+
+
+def _sorted_by_call(
+    floats: Sequence[FloatingGeom],
+) -> tuple[PatchFleet | None, list[tuple[int, Method]]]:
+    """The floats that one call computes together, and the others with their bodies."""
+    together = [f for f in floats if isinstance(f.method, Patches)]
+    others = [(f.body, f.method) for f in floats if not isinstance(f.method, Patches)]
+    if not together:
+        return None, others
+    return PatchFleet([f.method for f in together], [f.body for f in together]), others

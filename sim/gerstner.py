@@ -192,13 +192,16 @@ def solve_point(x, y, components, time, tolerance, scratch):
 
 
 @kernel
-def solve_chunk(x, y, components, time, tolerance, heights, scratch):
+def solve_chunk(x, y, components, time, tolerance, at_least, heights, scratch):
     """Invert the Gerstner map for up to CHUNK points, starting from the labels in the scratch;
-    leaves the labels there and the heights above the level [m] in `heights`."""
+    leaves the labels there and the heights above the level [m] in `heights`. Takes `at_least`
+    so many plain steps, then until the residuals are below the tolerance [m]."""
     count = x.size
-    for _ in range(PLAIN_STEPS):
+    for step in range(1, PLAIN_STEPS + 1):
         wave_sums(count, components, time, scratch)
         newton_update(x, y, heights, scratch)
+        if step < at_least:
+            continue
         unsolved = 0
         for i in range(count):
             unsolved += not is_solved(x[i], y[i], scratch[RESIDUAL, i], tolerance)
@@ -221,7 +224,7 @@ def solve_heights(x, y, components, time, tolerance, heights):
         scratch[LABEL_X, : end - start] = x[start:end]
         scratch[LABEL_Y, : end - start] = y[start:end]
         chunk = slice(start, end)
-        solve_chunk(x[chunk], y[chunk], components, time, tolerance, heights[chunk], scratch)
+        solve_chunk(x[chunk], y[chunk], components, time, tolerance, 1, heights[chunk], scratch)
 
 
 @kernel
@@ -292,10 +295,12 @@ def jets_from_sums(x, y, scratch):
 
 
 @kernel
-def solve_jets(x, y, components, time, tolerance, jets):
+def solve_jets(x, y, components, time, tolerance, at_least, jets):
     """Jets (JET_ROWS, N) of the surface at the points x, y: (N,), from one solve.
 
-    The labels are solved until their residual was below the tolerance [m] and one step further.
+    The labels are solved until their residual was below the tolerance [m] and one step further,
+    with `at_least` so many steps: as long as these suffice, jets are smooth functions of the point
+    however loose the tolerance is.
     """
     heights, scratch = np.empty(CHUNK), np.empty((SCRATCH_ROWS, CHUNK))
     for start in range(0, x.size, CHUNK):
@@ -304,7 +309,7 @@ def solve_jets(x, y, components, time, tolerance, jets):
         px, py = x[start:end], y[start:end]
         scratch[LABEL_X, :count] = px
         scratch[LABEL_Y, :count] = py
-        solve_chunk(px, py, components, time, tolerance, heights[:count], scratch)
+        solve_chunk(px, py, components, time, tolerance, at_least, heights[:count], scratch)
         wave_sums(count, components, time, scratch)
         curvature_sums(count, components, time, scratch)
         jets_from_sums(px, py, scratch)

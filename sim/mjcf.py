@@ -41,7 +41,7 @@ ROUND_SECTIONS = 64
 GeomType = mujoco.mjtGeom
 
 
-DEFAULT_METHOD = "linear"
+DEFAULT_METHOD = "patches"
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,16 @@ def read_model(
     settings = _read_settings(numerics, tolerance)
     _check_geoms_of_methods(model, texts, geom_ids)
     floats = []
+    known: dict[tuple[str, bytes, bytes], Method] = {}
     for g in geom_ids:
         name, hull = model.geom(g).name, _geom_hull(model, g)
         source, text = _method_of(name, texts, method)
+        same = (text, hull.vertices.tobytes(), hull.faces.tobytes())  # methods have no state
         try:
-            made = make_method(text, hull, sea, settings)
+            made = known.get(same) or make_method(text, hull, sea, settings)
         except ValueError as error:
             raise ValueError(f"{source}: {error}") from None
+        known[same] = made
         floats.append(FloatingGeom(name, int(model.geom_bodyid[g]), made))
     return sea, tuple(floats)
 

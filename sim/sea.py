@@ -234,7 +234,7 @@ class Sea:
 
         def solve(x: Array, y: Array, time: float) -> Array:
             jets = np.empty((JET_ROWS, x.size))
-            solve_jets(x, y, self.components, time, self.residual_tolerance, jets)
+            solve_jets(x, y, self.components, time, self.residual_tolerance, 1, jets)
             return jets.T
 
         return _per_time(solve, x, y, time)

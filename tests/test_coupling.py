@@ -174,7 +174,7 @@ def test_a_geom_off_its_body_frame_floats_where_it_is():
     body = f'<body pos="0 0 -0.4" euler="10 0 5"><freejoint/>{geom}{ballast}</body>'
     assets = f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}" inertia="exact"/>'
     compiled = model(body, ("g",), WAVES, assets=assets)
-    data, buoyancy = started(compiled), Buoyancy.from_model(compiled)
+    data, buoyancy = started(compiled), Buoyancy.from_model(compiled, method="linear")
     assert np.abs(data.geom_xpos[0] - data.xipos[1]).max() > 0.05  # the case is not a trivial one
     count = compiled.mesh_vertnum[0]
     in_world = compiled.mesh_vert[:count] @ data.geom_xmat[0].reshape(3, 3).T + data.geom_xpos[0]
@@ -248,3 +248,20 @@ def test_sphere_floats_at_the_depth_that_its_mass_says():
     assert data.xfrc_applied[1, 2] == pytest.approx(weight, rel=1e-9)
     whole = trimesh.creation.icosphere(subdivisions=3, radius=0.5).volume * 512.5 * 9.81
     assert abs(whole / weight - 1.0) > 5e-3  # plain facets would not do
+
+
+def test_hulls_computed_together_get_what_each_gets_alone():
+    """Two alike, that share their tree, another one, and one with a method of its own."""
+    ball = '<body pos="{} 2 -0.1"><freejoint/><geom name="{}" size="0.4"/></body>'
+    boat = '<body pos="1 1 0"><freejoint/><geom name="boat" type="capsule" size="0.2 0.5"/></body>'
+    custom = WAVES + '<text name="buoyancy_method_cube" data="chord"/>'
+    bodies = CUBE + ball.format(2, "left") + ball.format(4, "right") + boat
+    compiled = model(bodies, ("cube", "right", "boat", "left"), custom)
+    data, buoyancy = started(compiled), Buoyancy.from_model(compiled)
+    left, right = (f.method for f in buoyancy.floats if f.name in ("left", "right"))
+    assert left is right
+    buoyancy.apply(compiled, data)
+    for f in buoyancy.floats:
+        alone = f.method.wrench(data.xipos[f.body], data.ximat[f.body], 0.0)
+        assert np.abs(alone).max() > 0.0
+        np.testing.assert_array_equal(data.xfrc_applied[f.body], alone)

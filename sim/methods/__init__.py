@@ -7,6 +7,7 @@ Scenes and command lines name a method by a text, its own settings behind colons
 
     linear
     chord[:samples][:crests]     chord:8, chord:4:crests (crests only)
+    patches[:tolerance]          m of water height
     reference[:tolerance]        of density * gravity * volume
 """
 
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from sim.hull import Hull
 from sim.methods.chord import Chord
 from sim.methods.linear import Linear
+from sim.methods.patches import Patches, PatchFleet
 from sim.methods.reference import Reference
 from sim.sea import Sea
 
@@ -73,6 +75,11 @@ def _chord(hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Ch
     return Chord(hull, sea, samples, crests_only)
 
 
+def _patches(hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Patches:
+    _expect_at_most(1, arguments)
+    return Patches(hull, sea, float(arguments[0]) if arguments else settings.tolerance)
+
+
 def _reference(hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Reference:
     _expect_at_most(1, arguments)
     return Reference(hull, sea, *map(float, arguments))
@@ -86,7 +93,18 @@ def _expect_at_most(count: int, arguments: list[str]) -> None:
 MAKERS: dict[str, Callable[[Hull, Sea, Settings, list[str]], Method]] = {
     "linear": _linear,
     "chord": _chord,
+    "patches": _patches,
     "reference": _reference,
 }
 
-__all__ = ["MAKERS", "Chord", "Linear", "Method", "Reference", "Settings", "make_method"]
+__all__ = [
+    "MAKERS",
+    "Chord",
+    "Linear",
+    "Method",
+    "PatchFleet",
+    "Patches",
+    "Reference",
+    "Settings",
+    "make_method",
+]

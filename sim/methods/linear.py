@@ -64,21 +64,21 @@ class Linear:
         return out
 
 
-def corner_weights(corners: Array, area_vectors: Array, faces: Array, count: int) -> Array:
-    """(count, 6): A_v [m^2] and B_v [m^3] of the module's docstring, for triangles with corners
-    (F, 3, 3) and area vectors (F, 3) whose vertices are numbered by faces (F, 3)."""
-    weights = np.zeros((count, 6))
-    for corner in range(3):
-        arm = (corners.sum(axis=1) + corners[:, corner]) / 12.0
-        share = np.hstack([area_vectors / 3.0, np.cross(arm, area_vectors)])
-        np.add.at(weights, faces[:, corner], share)
-    return weights
+def corner_shares(corners: Array, area_vectors: Array) -> Array:
+    """(F, 3, 6): what each corner of triangles (F, 3, 3) adds to A_v [m^2] and B_v [m^3]."""
+    arms = (corners.sum(axis=1, keepdims=True) + corners) / 12.0
+    shares = np.empty((len(corners), 3, 6))
+    shares[:, :, :3] = area_vectors[:, None] / 3.0
+    shares[:, :, 3:] = np.cross(arms, area_vectors[:, None])
+    return shares
 
 
 def vertex_weights(hull: Hull) -> Array:
-    """The weights (V, 6) of a hull's vertices, body frame."""
-    corners = hull.vertices[hull.faces]
-    return corner_weights(corners, hull.area_vectors, hull.faces, len(hull.vertices))
+    """(V, 6): A_v and B_v of the module's docstring, body frame."""
+    weights = np.zeros((len(hull.vertices), 6))
+    shares = corner_shares(hull.vertices[hull.faces], hull.area_vectors)
+    np.add.at(weights, hull.faces.ravel(), shares.reshape(-1, 6))
+    return weights
 
 
 def longest_edge(hull: Hull) -> float:

@@ -9,7 +9,7 @@ over its surface are the *moments*: a surely wet node contributes the head's ten
 times its moments, exactly. Everything here happens once, in plain NumPy.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,15 +17,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from sim.hull import Hull
-from sim.methods.linear import corner_weights
+from sim.methods.linear import corner_shares
 from sim.triangle import gauss_rule
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-LEAF_TRIANGLES = 20
+LEAF_TRIANGLES = 16
 """A node with at most so many triangles is not divided further: fewer make a deeper tree, more
-open triangles that the waterline does not touch."""
+open triangles that the waterline does not touch. At most 21: their vertices are bits of a word."""
 
 MAX_TRIANGLES = 2_000_000
 """Splitting stops here: such a tree takes some gigabytes."""
@@ -53,9 +53,9 @@ class PatchTree:
     patch's centre, its half sides, the moments; links (N, 6), the node AFTER the subtree and,
     for a leaf (LEAF is its number, -1 for other nodes), its ranges of vertices and triangles.
     Of the leaves: places (3, .) of the vertices from the patch's centre and their weights
-    (., 6) as in `linear`; triangles (., 3), indices of vertices; areas (., 4), area vector and
-    area; leaves (L, 37), what the six quadratic coefficients add to the vertex sum
-    when all of the leaf is wet, and the leaf's area.
+    (., 6) as in `linear`; triangles (., 4), indices of vertices and the set of them as bits,
+    counted from the leaf's first; areas (., 4), area vector and area; leaves (L, 37), what the
+    six quadratic coefficients add to the vertex sum when all of the leaf is wet, and its area.
     """
 
     patches: Array
@@ -102,19 +102,20 @@ def monomials(d: Array) -> Array:
     return np.stack([np.ones_like(x), x, y, z, x * x, x * y, x * z, y * y, y * z, z * z], axis=-1)
 
 
-def triangle_moments(corners: Array, area_vectors: Array, centre: Array) -> Array:
-    """Moments (N, MONOMIALS, 6) of triangles (N, 3, 3), places d taken from a centre (3,)."""
+def triangle_moments(corners: Array, area_vectors: Array, centres: Array) -> Array:
+    """Moments (N, MONOMIALS, 6) of triangles (N, 3, 3), places d taken from centres (N, 3)."""
     points, weights = gauss_rule(3)  # exact to degree 4; the torque of a quadratic needs 3
     moments = np.zeros((len(corners), MONOMIALS, 6))
     for barycentric, weight in zip(points, weights, strict=True):
         place = np.einsum("c,ncx->nx", barycentric, corners)
         wrench = np.hstack([area_vectors, np.cross(place, area_vectors)])
-        moments += weight * monomials(place - centre)[:, :, None] * wrench[:, None, :]
+        moments += weight * monomials(place - centres)[:, :, None] * wrench[:, None, :]
     return moments
 
 
 class _Builder:
-    """Grows the tree from the root; patches begin where a node's radius first suffices."""
+    """Grows the tree from the root; patches begin where a node's radius first suffices. What can be
+    is computed for all triangles at once: there may be many thousand patches."""
 
     def __init__(self, corners: Array, radius: float) -> None:
         self.corners = corners
@@ -123,7 +124,9 @@ class _Builder:
         a, b, c = np.moveaxis(corners, 1, 0)
         self.area_vectors = 0.5 * np.cross(b - a, c - a)
         self.sizes = np.linalg.norm(self.area_vectors, axis=1)
-        self.patches: list[tuple[Array, float, int, int]] = []
+        self.shares = corner_shares(corners, self.area_vectors)
+        self.points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+        self.numbers = numbers.reshape(-1, 3)
         self.nodes: list[Array] = []
         self.links: list[list[int]] = []
         self.vertices: list[Array] = []
@@ -133,12 +136,19 @@ class _Builder:
         self.counts = [0, 0]  # vertices and triangles of the leaves so far
 
     def tree(self) -> PatchTree:
-        self._grow(np.arange(len(self.corners)))
-        centres, radii, first, end = zip(*self.patches, strict=True)
+        patches = list(self._patches(np.arange(len(self.corners))))
+        centres = np.empty((len(self.corners), 3))
+        for chosen, centre, _ in patches:
+            centres[chosen] = centre
+        self.moments = triangle_moments(self.corners, self.area_vectors, centres)
+        first = []
+        for chosen, centre, _ in patches:
+            first.append(len(self.nodes))
+            self._grow(chosen, centre)
         vertices = np.concatenate(self.vertices)
         return PatchTree(
-            patches=np.column_stack([np.array(centres), radii]),
-            patch_nodes=np.column_stack([first, end]),
+            patches=np.array([[*centre, radius] for _, centre, radius in patches]),
+            patch_nodes=np.column_stack([first, [*first[1:], len(self.nodes)]]),
             nodes=np.array(self.nodes),
             links=np.array(self.links),
             places=np.ascontiguousarray(vertices[:, :3].T),
@@ -148,20 +158,17 @@ class _Builder:
             leaves=np.array(self.leaves),
         )
 
-    def _grow(self, chosen: Integers) -> None:
-        """Divide triangles until they fit a patch."""
+    def _patches(self, chosen: Integers) -> Iterator[tuple[Integers, Array, float]]:
+        """Divide triangles until they fit a patch: its triangles, centre and radius."""
         points = self.corners[chosen].reshape(-1, 3)
         # the middle of the area, not of the bounds: there the jet's odd errors cancel best
         centre = self.sizes[chosen] @ self.middles[chosen] / self.sizes[chosen].sum()
         radius = float(np.linalg.norm(points - centre, axis=1).max())
-        if radius > self.radius and len(chosen) > 1:
-            for half in self._halves(chosen):
-                self._grow(chosen[half])
+        if radius <= self.radius or len(chosen) == 1:
+            yield chosen, centre, radius
             return
-        first = len(self.nodes)
-        moments = triangle_moments(self.corners[chosen], self.area_vectors[chosen], centre)
-        self._grow_patch(chosen, moments, centre)
-        self.patches.append((centre, radius, first, len(self.nodes)))
+        for half in self._halves(chosen):
+            yield from self._patches(chosen[half])
 
     def _halves(self, chosen: Integers) -> tuple[Integers, Integers]:
         """Indices into `chosen` of two halves by number, apart along the axis in which the
@@ -171,34 +178,35 @@ class _Builder:
         half = len(chosen) // 2
         return np.sort(order[:half]), np.sort(order[half:])
 
-    def _grow_patch(self, chosen: Integers, moments: Array, centre: Array) -> None:
+    def _grow(self, chosen: Integers, centre: Array) -> None:
         """Add the node of triangles within a patch and, behind it, its subtree."""
         node = len(self.nodes)
         points = self.corners[chosen].reshape(-1, 3) - centre
         low, high = points.min(axis=0), points.max(axis=0)
-        total = moments.sum(axis=0)
-        self.nodes.append(np.concatenate([0.5 * (low + high), 0.5 * (high - low), total.ravel()]))
+        moments = self.moments[chosen].sum(axis=0)
+        self.nodes.append(np.concatenate([0.5 * (low + high), 0.5 * (high - low), moments.ravel()]))
         self.links.append([0, 0, 0, 0, 0, -1])
         if len(chosen) <= LEAF_TRIANGLES:
-            self.links[node][VERTICES:] = self._add_leaf(chosen, total, centre)
+            self.links[node][VERTICES:] = self._add_leaf(chosen, moments, centre)
         else:
             for half in self._halves(chosen):
-                self._grow_patch(chosen[half], moments[half], centre)
+                self._grow(chosen[half], centre)
         self.links[node][AFTER] = len(self.nodes)
 
     def _add_leaf(self, chosen: Integers, moments: Array, centre: Array) -> list[int]:
         """Add the triangles of a leaf; returns its part of the node's links."""
-        corners, area = self.corners[chosen], self.area_vectors[chosen]
-        points, which = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+        numbers, which = np.unique(self.numbers[chosen], return_inverse=True)
         which = which.reshape(-1, 3)
-        weights = corner_weights(corners, area, which, len(points))
-        by_vertices = np.einsum("vk,vj->kj", monomials(points - centre), weights)
+        weights = np.zeros((len(numbers), 6))
+        np.add.at(weights, which.ravel(), self.shares[chosen].reshape(-1, 6))
+        places = self.points[numbers] - centre
+        bend = (moments - monomials(places).T @ weights)[QUADRATIC:]
         vertex, triangle = self.counts
-        self.counts = [vertex + len(points), triangle + len(chosen)]
-        self.vertices.append(np.hstack([points - centre, weights]))
-        self.triangles.append(which + vertex)
-        self.areas.append(np.column_stack([area, self.sizes[chosen]]))
-        bend = (moments - by_vertices)[QUADRATIC:]
+        self.counts = [vertex + len(numbers), triangle + len(chosen)]
+        self.vertices.append(np.hstack([places, weights]))
+        bits = (np.int64(1) << which).sum(axis=1)
+        self.triangles.append(np.column_stack([which + vertex, bits]))
+        self.areas.append(np.column_stack([self.area_vectors[chosen], self.sizes[chosen]]))
         self.leaves.append(np.append(bend.ravel(), self.sizes[chosen].sum()))
         return [vertex, self.counts[0], triangle, self.counts[1], len(self.leaves) - 1]
 
@@ -212,7 +220,7 @@ def joined(trees: Sequence[PatchTree]) -> PatchTree:
         moved = tree.links + [nodes, vertices, vertices, faces, faces, leaves]
         moved[tree.links[:, LEAF] < 0, LEAF] = -1
         links.append(moved)
-        triangles.append(tree.triangles + vertices)
+        triangles.append(tree.triangles + [vertices, vertices, vertices, 0])
         nodes += len(tree.nodes)
         vertices += len(tree.weights)
         faces += len(tree.triangles)
@@ -259,5 +267,5 @@ def unpacked(reals, integers):
     leaves, at = _block(reals, at, m, LEAF_AREA + 1)
     patch_nodes, at = _block(integers, 5, p, 2)
     links, at = _block(integers, at, n, 6)
-    triangles, at = _block(integers, at, t, 3)
+    triangles, at = _block(integers, at, t, 4)
     return patches, patch_nodes, nodes, links, places, weights, triangles, areas, leaves

@@ -41,8 +41,15 @@ from sim.gerstner import (
     JET_XY,
     JET_Y,
     JET_YY,
+    LABEL_X,
+    LABEL_Y,
+    PLAIN_STEPS,
+    RESIDUAL,
+    SCRATCH_ROWS,
     kernel,
+    newton_update,
     solve_jets,
+    wave_sums,
 )
 from sim.hull import Hull
 from sim.methods.linear import placed
@@ -114,14 +121,16 @@ class Patches:
         """
         position = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
         rotation = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
-        return self._fleet.wrenches(position, rotation, time)[0]
+        out = np.zeros((1, 6))
+        self._fleet.add_wrenches(position, rotation, time, out)
+        return out[0]
 
 
 class PatchFleet:
     """Several hulls in one sea, computed in one call; those with the same tree share it.
 
-    methods: Patches, all for the same sea; rows: for each the row of its pose in the arrays
-    given to `wrenches`.
+    methods: Patches, all for the same sea; rows: for each the row that it has in the arrays
+    given to `add_wrenches`; several may have the same.
     """
 
     def __init__(self, methods: Sequence[Patches], rows: Sequence[int]) -> None:
@@ -136,17 +145,19 @@ class PatchFleet:
         )
         self._reals, self._integers = packed(joined(trees))
         self._residual = jet_residual(sea, min(method.radius for method in methods))
+        self._steps = jet_steps(sea, self._residual)
 
-    def wrenches(self, positions: Array, rotations: Array, time: float) -> Array:
-        """Wrenches (H, 6) for poses in rows: positions (N, 3) [m], rotations (N, 9)."""
+    def add_wrenches(self, positions: Array, rotations: Array, time: float, out: Array) -> None:
+        """Add each hull's wrench, as of `Patches.wrench`, to its row of out (N, 6), for the pose in
+        its row of positions (N, 3) [m] and rotations (N, 9)."""
         sea = self._sea
-        out = np.empty((len(self._instances), 6))
         fleet_wrenches(
             self._reals,
             self._integers,
             self._instances,
             sea.components,
             self._residual,
+            self._steps,
             sea.level,
             sea.amplitude,
             -sea.density * sea.gravity,
@@ -155,7 +166,6 @@ class PatchFleet:
             time,
             out,
         )
-        return out
 
 
 def patch_radius(sea: Sea, tolerance: float, largest: float) -> float:
@@ -221,145 +231,23 @@ def jet_residual(sea: Sea, radius: float) -> float:
     return (1.0 - sea.steepness) * np.sqrt(0.02 * radius / bend)
 
 
-@njit(inline="always")
-def head_polynomial(jets, i, z, r, q):
-    """Coefficients q (MONOMIALS,) in the body frame of the head around a place at height z [m]
-    above the level, from jet i; r: (9,), body -> world."""
-    gx, gy = jets[JET_X, i], jets[JET_Y, i]
-    xx, xy, yy = 0.5 * jets[JET_XX, i], 0.5 * jets[JET_XY, i], 0.5 * jets[JET_YY, i]
-    ax, ay, az, bx, by, bz = r[0], r[1], r[2], r[3], r[4], r[5]
-    q[0] = jets[JET_HEIGHT, i] - z
-    q[1] = gx * ax + gy * bx - r[6]
-    q[2] = gx * ay + gy * by - r[7]
-    q[3] = gx * az + gy * bz - r[8]
-    ux, uy, uz = xx * ax + xy * bx, xx * ay + xy * by, xx * az + xy * bz
-    vx, vy, vz = xy * ax + yy * bx, xy * ay + yy * by, xy * az + yy * bz
-    q[4] = ux * ax + vx * bx
-    q[5] = 2.0 * (ux * ay + vx * by)
-    q[6] = 2.0 * (ux * az + vx * bz)
-    q[7] = uy * ay + vy * by
-    q[8] = 2.0 * (uy * az + vy * bz)
-    q[9] = uz * az + vz * bz
+def jet_steps(sea: Sea, residual: float) -> int:
+    """Newton steps that bring all samples below a residual [m]. Taking as many for every patch,
+    whatever its residual, keeps the wrench a smooth function of the pose."""
+    if not sea.components.size:
+        return 1
+    x, y = _sample_places(sea).T.copy()
+    scratch, heights = np.zeros((SCRATCH_ROWS, SAMPLES)), np.empty(SAMPLES)
+    scratch[LABEL_X], scratch[LABEL_Y] = x, y
+    for steps in range(1, PLAIN_STEPS):
+        wave_sums(SAMPLES, sea.components, 0.0, scratch)
+        newton_update(x, y, heights, scratch)
+        if scratch[RESIDUAL].max() <= residual**2:
+            return steps
+    return PLAIN_STEPS
 
 
-@njit(inline="always")
-def add_products(q, first, count, table, row, column, factor, body):
-    """Add factor * q[first : first + count] times a (count, 6) block in a row of a table."""
-    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(count):
-        c = q[first + k]
-        j = column + 6 * k
-        b0 += c * table[row, j]
-        b1 += c * table[row, j + 1]
-        b2 += c * table[row, j + 2]
-        b3 += c * table[row, j + 3]
-        b4 += c * table[row, j + 4]
-        b5 += c * table[row, j + 5]
-    body[0] += factor * b0
-    body[1] += factor * b1
-    body[2] += factor * b2
-    body[3] += factor * b3
-    body[4] += factor * b4
-    body[5] += factor * b5
-
-
-@njit(inline="always")
-def evaluate_heads(first, end, places, q, heads):
-    """Heads (end - first,) [m] of a leaf's vertices."""
-    q0, q1, q2, q3, q4 = q[0], q[1], q[2], q[3], q[4]
-    q5, q6, q7, q8, q9 = q[5], q[6], q[7], q[8], q[9]
-    for i in range(end - first):
-        x, y, z = places[0, first + i], places[1, first + i], places[2, first + i]
-        heads[i] = (
-            q0
-            + x * (q1 + x * q4 + y * q5 + z * q6)
-            + y * (q2 + y * q7 + z * q8)
-            + z * (q3 + z * q9)
-        )
-
-
-@njit(inline="always")
-def odd_corner(a, b, c, ea, eb, ec):
-    """The corners and their heads, turned so that the only wet or the only dry one is first."""
-    wet_a, wet_b, wet_c = ea > 0.0, eb > 0.0, ec > 0.0
-    if wet_b == wet_c:
-        return a, b, c, ea, eb, ec
-    if wet_a == wet_c:
-        return b, c, a, eb, ec, ea
-    return c, a, b, ec, ea, eb
-
-
-@njit(inline="always")
-def open_leaf(link, places, weights, triangles, areas, leaves, cx, cy, cz, q, heads, body):
-    """Add a leaf that the waterline may cross: the sum over its wet vertices, less what the clip
-    takes from cut triangles, and the quadratic's part in proportion to the wet area."""
-    first, end = link[VERTICES], link[VERTICES_END]
-    evaluate_heads(first, end, places, q, heads)
-    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # in registers, unlike body
-    for v in range(first, end):
-        head = max(heads[v - first], 0.0)
-        b0, b1, b2 = b0 + head * weights[v, 0], b1 + head * weights[v, 1], b2 + head * weights[v, 2]
-        b3, b4, b5 = b3 + head * weights[v, 3], b4 + head * weights[v, 4], b5 + head * weights[v, 5]
-    wet_area = 0.0
-    for t in range(link[TRIANGLES], link[TRIANGLES_END]):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        ea, eb, ec = heads[a - first], heads[b - first], heads[c - first]
-        if (ea > 0.0) == (eb > 0.0) and (eb > 0.0) == (ec > 0.0):
-            wet_area += areas[t, 3] if ea > 0.0 else 0.0
-            continue
-        a, b, c, ea, eb, ec = odd_corner(a, b, c, ea, eb, ec)
-        share, mx, my, mz = clip_dry_part(
-            places[0, a] + cx, places[1, a] + cy, places[2, a] + cz,
-            places[0, b] + cx, places[1, b] + cy, places[2, b] + cz,
-            places[0, c] + cx, places[1, c] + cy, places[2, c] + cz,
-            ea, eb, ec,
-        )  # fmt: skip
-        sx, sy, sz = areas[t, 0], areas[t, 1], areas[t, 2]
-        tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
-        b0, b1, b2 = b0 - share * sx, b1 - share * sy, b2 - share * sz
-        b3, b4, b5 = b3 - tx, b4 - ty, b5 - tz
-        corner = ea / (ea - eb) * (ea / (ea - ec))
-        wet_area += areas[t, 3] * (corner if ea > 0.0 else 1.0 - corner)
-    body[0], body[1], body[2] = body[0] + b0, body[1] + b1, body[2] + b2
-    body[3], body[4], body[5] = body[3] + b3, body[4] + b4, body[5] + b5
-    if wet_area > 0.0:
-        leaf = link[LEAF]
-        fraction = wet_area / leaves[leaf, LEAF_AREA]
-        add_products(q, QUADRATIC, MONOMIALS - QUADRATIC, leaves, leaf, 0, fraction, body)
-
-
-@njit(inline="always")
-def walk(patch, tree, q, heads, body):
-    """Add the wet part of a patch with head polynomial q to the sum body (6,)."""
-    patches, patch_nodes, nodes, links, places, weights, triangles, areas, leaves = tree
-    node, end = patch_nodes[patch, 0], patch_nodes[patch, 1]
-    cx, cy, cz = patches[patch, 0], patches[patch, 1], patches[patch, 2]
-    # bounds |d . Q d| / |d|^2
-    squares = q[4] * q[4] + q[7] * q[7] + q[9] * q[9]
-    curvature = np.sqrt(squares + 0.5 * (q[5] * q[5] + q[6] * q[6] + q[8] * q[8]))
-    while node < end:
-        x, y, z = nodes[node, 0], nodes[node, 1], nodes[node, 2]
-        u, v, w = nodes[node, 3], nodes[node, 4], nodes[node, 5]
-        gx = q[1] + 2.0 * q[4] * x + q[5] * y + q[6] * z
-        gy = q[2] + q[5] * x + 2.0 * q[7] * y + q[8] * z
-        gz = q[3] + q[6] * x + q[8] * y + 2.0 * q[9] * z
-        head = q[0] + 0.5 * (x * (q[1] + gx) + y * (q[2] + gy) + z * (q[3] + gz))
-        slack = abs(gx) * u + abs(gy) * v + abs(gz) * w + curvature * (u * u + v * v + w * w)
-        if head <= -slack:
-            node = links[node, AFTER]
-        elif head >= slack:
-            add_products(q, 0, MONOMIALS, nodes, node, MOMENTS, 1.0, body)
-            node = links[node, AFTER]
-        else:
-            if links[node, LEAF] >= 0:
-                open_leaf(
-                    links[node], places, weights, triangles, areas, leaves, cx, cy, cz, q, heads,
-                    body,
-                )  # fmt: skip
-            node += 1
-
-
-@njit(inline="always")
+@kernel
 def reachable_patches(
     patches, instances, level, amplitude, positions, rotations, x, y, z, owner, chosen
 ):
@@ -379,30 +267,216 @@ def reachable_patches(
 
 
 @kernel
+def head_polynomials(jets, z, rows, rotations, polynomials):
+    """Coefficients (N, MONOMIALS) in the body frame of the heads around places at heights z [m]
+    above the level, from their jets; rows: of the rotations (., 9), body -> world."""
+    for i in range(z.size):
+        r, q = rotations[rows[i]], polynomials[i]
+        gx, gy = jets[JET_X, i], jets[JET_Y, i]
+        xx, xy, yy = 0.5 * jets[JET_XX, i], 0.5 * jets[JET_XY, i], 0.5 * jets[JET_YY, i]
+        ax, ay, az, bx, by, bz = r[0], r[1], r[2], r[3], r[4], r[5]
+        q[0] = jets[JET_HEIGHT, i] - z[i]
+        q[1] = gx * ax + gy * bx - r[6]
+        q[2] = gx * ay + gy * by - r[7]
+        q[3] = gx * az + gy * bz - r[8]
+        ux, uy, uz = xx * ax + xy * bx, xx * ay + xy * by, xx * az + xy * bz
+        vx, vy, vz = xy * ax + yy * bx, xy * ay + yy * by, xy * az + yy * bz
+        q[4] = ux * ax + vx * bx
+        q[5] = 2.0 * (ux * ay + vx * by)
+        q[6] = 2.0 * (ux * az + vx * bz)
+        q[7] = uy * ay + vy * by
+        q[8] = 2.0 * (uy * az + vy * bz)
+        q[9] = uz * az + vz * bz
+
+
+@kernel
+def walk(patch_nodes, nodes, links, chosen, polynomials, wet, opened):
+    """Walk the trees of the chosen patches: (node, place in `chosen`) of the surely wet nodes and
+    of the leaves that the waterline may cross, into wet (., 2) and opened (., 2); returns
+    how many of each."""
+    wet_count, opened_count = 0, 0
+    for i in range(chosen.size):
+        q = polynomials[i]
+        q0, q1, q2, q3, q4 = q[0], q[1], q[2], q[3], q[4]
+        q5, q6, q7, q8, q9 = q[5], q[6], q[7], q[8], q[9]
+        # bounds |d . Q d| / |d|^2
+        curvature = np.sqrt(q4 * q4 + q7 * q7 + q9 * q9 + 0.5 * (q5 * q5 + q6 * q6 + q8 * q8))
+        node, end = patch_nodes[chosen[i], 0], patch_nodes[chosen[i], 1]
+        while node < end:
+            x, y, z = nodes[node, 0], nodes[node, 1], nodes[node, 2]
+            u, v, w = nodes[node, 3], nodes[node, 4], nodes[node, 5]
+            gx = q1 + 2.0 * q4 * x + q5 * y + q6 * z
+            gy = q2 + q5 * x + 2.0 * q7 * y + q8 * z
+            gz = q3 + q6 * x + q8 * y + 2.0 * q9 * z
+            head = q0 + 0.5 * (x * (q1 + gx) + y * (q2 + gy) + z * (q3 + gz))
+            slack = abs(gx) * u + abs(gy) * v + abs(gz) * w + curvature * (u * u + v * v + w * w)
+            if head <= -slack:
+                node = links[node, AFTER]
+            elif head >= slack:
+                wet[wet_count, 0], wet[wet_count, 1] = node, i
+                wet_count += 1
+                node = links[node, AFTER]
+            else:
+                if links[node, LEAF] >= 0:
+                    opened[opened_count, 0], opened[opened_count, 1] = node, i
+                    opened_count += 1
+                node += 1
+    return wet_count, opened_count
+
+
+@njit(inline="always")
+def add_products(q, first, count, row, column, factor, body):
+    """Add factor * q[first : first + count] times the (count, 6) block of a row."""
+    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(count):
+        c = q[first + k]
+        j = column + 6 * k
+        b0, b1, b2 = b0 + c * row[j], b1 + c * row[j + 1], b2 + c * row[j + 2]
+        b3, b4, b5 = b3 + c * row[j + 3], b4 + c * row[j + 4], b5 + c * row[j + 5]
+    add_six(body, factor * b0, factor * b1, factor * b2, factor * b3, factor * b4, factor * b5)
+
+
+@njit(inline="always")
+def add_six(body, b0, b1, b2, b3, b4, b5):
+    body[0], body[1], body[2] = body[0] + b0, body[1] + b1, body[2] + b2
+    body[3], body[4], body[5] = body[3] + b3, body[4] + b4, body[5] + b5
+
+
+@kernel
+def add_wet_nodes(wet, nodes, owner, polynomials, body):
+    """Add the moments of the surely wet nodes to their instances' sums body (H, 6)."""
+    for n in range(wet.shape[0]):
+        i = wet[n, 1]
+        add_products(polynomials[i], 0, MONOMIALS, nodes[wet[n, 0]], MOMENTS, 1.0, body[owner[i]])
+
+
+@njit(inline="always")
+def evaluate_heads(first, count, places, q, heads):
+    """Heads (count,) [m] of a leaf's vertices; returns the set of wet ones as bits."""
+    q0, q1, q2, q3, q4 = q[0], q[1], q[2], q[3], q[4]
+    q5, q6, q7, q8, q9 = q[5], q[6], q[7], q[8], q[9]
+    for i in range(count):
+        x, y, z = places[0, first + i], places[1, first + i], places[2, first + i]
+        heads[i] = (
+            q0
+            + x * (q1 + x * q4 + y * q5 + z * q6)
+            + y * (q2 + y * q7 + z * q8)
+            + z * (q3 + z * q9)
+        )
+    wet = 0
+    for i in range(count):
+        wet |= (1 if heads[i] > 0.0 else 0) << i
+    return wet
+
+
+@njit(inline="always")
+def odd_corner(a, b, c, ea, eb, ec):
+    """The corners and their heads, turned so that the only wet or the only dry one is first."""
+    wet_a, wet_b, wet_c = ea > 0.0, eb > 0.0, ec > 0.0
+    if wet_b == wet_c:
+        return a, b, c, ea, eb, ec
+    if wet_a == wet_c:
+        return b, c, a, eb, ec, ea
+    return c, a, b, ec, ea, eb
+
+
+@njit(inline="always")
+def add_leaf(first, count, wet, start, end, places, weights, triangles, areas, patch, heads, body):
+    """Add the sum over a leaf's wet vertices, less what the clip takes from cut triangles
+    (start to end); returns the wet part of the area."""
+    cx, cy, cz = patch[0], patch[1], patch[2]
+    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # in registers, unlike body
+    for i in range(count):
+        head, w = max(heads[i], 0.0), weights[first + i]
+        b0, b1, b2 = b0 + head * w[0], b1 + head * w[1], b2 + head * w[2]
+        b3, b4, b5 = b3 + head * w[3], b4 + head * w[4], b5 + head * w[5]
+    wet_area = 0.0
+    for t in range(start, end):
+        corners = triangles[t, 3]
+        if wet & corners == corners:
+            wet_area += areas[t, 3]
+        elif wet & corners != 0:
+            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            ea, eb, ec = heads[a - first], heads[b - first], heads[c - first]
+            a, b, c, ea, eb, ec = odd_corner(a, b, c, ea, eb, ec)
+            share, mx, my, mz = clip_dry_part(
+                places[0, a] + cx, places[1, a] + cy, places[2, a] + cz,
+                places[0, b] + cx, places[1, b] + cy, places[2, b] + cz,
+                places[0, c] + cx, places[1, c] + cy, places[2, c] + cz,
+                ea, eb, ec,
+            )  # fmt: skip
+            sx, sy, sz = areas[t, 0], areas[t, 1], areas[t, 2]
+            tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
+            b0, b1, b2 = b0 - share * sx, b1 - share * sy, b2 - share * sz
+            b3, b4, b5 = b3 - tx, b4 - ty, b5 - tz
+            corner = ea / (ea - eb) * (ea / (ea - ec))
+            wet_area += areas[t, 3] * (corner if ea > 0.0 else 1.0 - corner)
+    add_six(body, b0, b1, b2, b3, b4, b5)
+    return wet_area
+
+
+@kernel
+def add_opened_leaves(
+    opened, nodes, links, places, weights, triangles, areas, leaves, patches, chosen, owner,
+    polynomials, body,
+):  # fmt: skip
+    """Add the leaves that the waterline may cross to their instances' sums body (H, 6). The
+    quadratic's part beyond linear heads enters in proportion to the wet area."""
+    heads = np.empty(3 * LEAF_TRIANGLES)
+    for n in range(opened.shape[0]):
+        node, i = opened[n, 0], opened[n, 1]
+        link, q, total = links[node], polynomials[i], body[owner[i]]
+        first, count = link[VERTICES], link[VERTICES_END] - link[VERTICES]
+        wet = evaluate_heads(first, count, places, q, heads)
+        if wet == (1 << count) - 1:
+            add_products(q, 0, MONOMIALS, nodes[node], MOMENTS, 1.0, total)
+        elif wet != 0:
+            wet_area = add_leaf(
+                first, count, wet, link[TRIANGLES], link[TRIANGLES_END],
+                places, weights, triangles, areas, patches[chosen[i]], heads, total,
+            )  # fmt: skip
+            leaf = leaves[link[LEAF]]
+            fraction = wet_area / leaf[LEAF_AREA]
+            add_products(q, QUADRATIC, MONOMIALS - QUADRATIC, leaf, 0, fraction, total)
+
+
+@kernel
 def fleet_wrenches(
-    reals, integers, instances, components, residual, level, amplitude, scale,
+    reals, integers, instances, components, residual, steps, level, amplitude, scale,
     positions, rotations, time, out,
 ):  # fmt: skip
-    """Wrenches (H, 6) of all instances (H, 3), first patch, end and row of the pose."""
-    tree = unpacked(reals, integers)
-    patches = tree[0]
+    """Add the wrenches of all instances (H, 3), first patch, end and row, to the rows of out."""
+    patches, patch_nodes, nodes, links, places, weights, triangles, areas, leaves = unpacked(
+        reals, integers
+    )
     most = np.sum(instances[:, 1] - instances[:, 0])
     x, y, z = np.empty(most), np.empty(most), np.empty(most)
     owner, chosen = np.empty(most, np.int64), np.empty(most, np.int64)
     active = reachable_patches(
         patches, instances, level, amplitude, positions, rotations, x, y, z, owner, chosen
     )
-    out[:] = 0.0
+    if active == 0:
+        return
+    owner, chosen = owner[:active], chosen[:active]
     jets = np.empty((JET_ROWS, active))
-    solve_jets(x[:active], y[:active], components, time, residual, jets)
-    q, heads = np.empty(MONOMIALS), np.empty(3 * LEAF_TRIANGLES)
+    solve_jets(x[:active], y[:active], components, time, residual, steps, jets)
+    polynomials = np.empty((active, MONOMIALS))
+    head_polynomials(jets, z[:active], instances[owner, 2], rotations, polynomials)
+    subtree_nodes = np.sum(patch_nodes[chosen, 1] - patch_nodes[chosen, 0])
+    wet, opened = np.empty((subtree_nodes, 2), np.int64), np.empty((subtree_nodes, 2), np.int64)
+    counts = walk(patch_nodes, nodes, links, chosen, polynomials, wet, opened)
     body = np.zeros((instances.shape[0], 6))
-    for i in range(active):
-        head_polynomial(jets, i, z[i], rotations[instances[owner[i], 2]], q)
-        walk(chosen[i], tree, q, heads, body[owner[i]])
+    add_wet_nodes(wet[: counts[0]], nodes, owner, polynomials, body)
+    add_opened_leaves(
+        opened[: counts[1]], nodes, links, places, weights, triangles, areas, leaves, patches,
+        chosen, owner, polynomials, body,
+    )  # fmt: skip
     for i in range(instances.shape[0]):
-        rotation = rotations[instances[i, 2]]
+        row = instances[i, 2]
+        if not np.isfinite(np.sum(positions[row]) + np.sum(rotations[row])):
+            body[i] = np.nan  # else no node would be wet and the hull would seem to be dry
         for j in range(3):
             for k in range(3):
-                out[i, j] += scale * rotation[3 * j + k] * body[i, k]
-                out[i, 3 + j] += scale * rotation[3 * j + k] * body[i, 3 + k]
+                factor = scale * rotations[row, 3 * j + k]
+                out[row, j] += factor * body[i, k]
+                out[row, 3 + j] += factor * body[i, 3 + k]

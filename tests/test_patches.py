@@ -1,0 +1,297 @@
+"""Patches: sound, complete, smooth, robust."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from independent import (
+    DENSITY,
+    GRAVITY,
+    ROUND_OFF,
+    load_mesh,
+    meshes,
+    random_poses,
+    random_rotation,
+    relative_error,
+    three_waves,
+    volume_below,
+)
+from sim import Hull, Linear, Patches, Reference, Sea, Wave
+from sim.gerstner import JET_ROWS, solve_jets
+from sim.methods.patch_tree import TRIANGLES, TRIANGLES_END, build_tree, monomials
+from sim.methods.patches import PatchFleet, head_polynomials, jet_residual, jet_steps
+
+CUBE = trimesh.creation.box(extents=[1.0, 1.0, 1.0])
+
+
+def crossing_waves(length: float, steepness: float) -> Sea:
+    """Three crossing waves around a length."""
+    shares = [0.5, 0.3, 0.2]
+    lengths = [length, 0.8 * length, 0.6 * length]
+    headings = [0.0, 1.0, -2.0]
+    return Sea(
+        [
+            Wave(steepness * share * each / (2.0 * np.pi), each, heading, heading)
+            for share, each, heading in zip(shares, lengths, headings, strict=True)
+        ]
+    )
+
+
+def forty_waves(steepness: float = 0.72) -> Sea:
+    rng = np.random.default_rng(41)
+    lengths = rng.uniform(0.7, 6.0, 40)
+    shares = rng.uniform(0.5, 1.5, 40)
+    amplitudes = steepness * shares / shares.sum() * lengths / (2.0 * np.pi)
+    headings, phases = rng.uniform(-1.0, 1.0, 40), rng.uniform(-np.pi, np.pi, 40)
+    return Sea([Wave(*wave) for wave in zip(amplitudes, lengths, headings, phases, strict=True)])
+
+
+def head_errors(method: Patches, position, rotation, time: float) -> np.ndarray:
+    """Errors [m] of the head at every vertex of every patch, from the same jets as a step's."""
+    tree, sea = method.tree, method.sea
+    centres = tree.patches[:, :3] @ rotation.T + position
+    jets = np.empty((JET_ROWS, len(centres)))
+    residual = jet_residual(sea, method.radius)
+    x, y, z = centres.T.copy()
+    solve_jets(x, y, sea.components, time, residual, jet_steps(sea, residual), jets)
+    q = np.empty((len(centres), 10))
+    rows = np.zeros(len(centres), dtype=np.int64)
+    head_polynomials(jets, z - sea.level, rows, rotation.reshape(1, 9).copy(), q)
+    errors = []
+    for patch, (first, end) in enumerate(tree.patch_nodes):
+        leaves = tree.links[first:end][tree.links[first:end, 5] >= 0]
+        places = tree.places[:, leaves[:, 1].min() : leaves[:, 2].max()].T
+        world = (tree.patches[patch, :3] + places) @ rotation.T + position
+        truth = sea.elevation(world[:, 0], world[:, 1], time) - world[:, 2]
+        errors.append(np.abs(monomials(places) @ q[patch] - truth).max())
+    return np.array(errors)
+
+
+SEAS = {
+    f"{length} hulls long, steepness {steepness}": crossing_waves(length, steepness)
+    for length in (0.5, 2.0, 10.0, 100.0)
+    for steepness in (0.2, 0.8)
+}
+SEAS["forty waves"] = forty_waves()
+
+
+@pytest.mark.parametrize("sea", SEAS.values(), ids=SEAS.keys())
+@pytest.mark.parametrize("name", ["icosphere", "bunny"])
+def test_the_tolerance_is_a_promise(name, sea):
+    """Over poses anywhere in the sea the elevation inside every patch is right to the tolerance,
+    and so the wrench to the tolerance's pressure on the whole surface."""
+    hull = Hull.from_trimesh(meshes()[name])
+    tolerance = 0.02 if sea.waves[0].wavelength < 1.0 else 0.004
+    method = Patches(hull, sea, tolerance)
+    area = np.linalg.norm(hull.area_vectors, axis=1).sum()
+    implied = DENSITY * GRAVITY * tolerance * area
+    for i, (position, rotation, time) in enumerate(far_poses(12)):
+        assert head_errors(method, position, rotation, time).max() < tolerance
+        if i < 2:
+            wrench = method.wrench(position, rotation, time)
+            truth = Reference(hull, sea, 1e-3).wrench(position, rotation, time)
+            assert np.linalg.norm(wrench[:3] - truth[:3]) < implied
+            assert np.linalg.norm(wrench[3:] - truth[3:]) < implied  # the hulls are within 1 m
+
+
+@pytest.mark.parametrize("steepness", [0.2, 0.8])
+def test_the_promise_holds_for_waves_a_tenth_of_the_hull(steepness):
+    hull = Hull.from_trimesh(trimesh.creation.icosphere(subdivisions=2, radius=0.5))
+    method = Patches(hull, crossing_waves(0.1, steepness), tolerance=0.04)
+    for pose in far_poses(3):
+        assert head_errors(method, *pose).max() < 0.04
+
+
+def far_poses(count: int):
+    """Poses anywhere within 50 m, at the surface, and within 100 s."""
+    rng = np.random.default_rng(42)
+    for _ in range(count):
+        position = rng.uniform(-50.0, 50.0, 3) * [1.0, 1.0, 0.004]
+        yield position, random_rotation(rng), rng.uniform(0.0, 100.0)
+
+
+def test_wrench_tends_to_the_reference_with_the_tolerance():
+    hull, sea = Hull.from_trimesh(load_mesh("bunny")), three_waves()
+    poses = random_poses(10, seed=43)
+    truths = [Reference(hull, sea).wrench(*pose) for pose in poses]
+    errors = []
+    for tolerance in (1e-2, 1e-3, 1e-4):
+        method = Patches(hull, sea, tolerance)
+        found = [method.wrench(*pose) for pose in poses]
+        errors.append(max(relative_error(f, t, hull) for f, t in zip(found, truths, strict=True)))
+    assert errors[0] < 5e-4
+    assert errors[1] < errors[0] / 5.0
+    assert errors[2] < errors[1] / 5.0
+
+
+def test_default_is_as_good_as_linear_on_the_bunny():
+    hull, sea = Hull.from_trimesh(load_mesh("bunny")), three_waves()
+    linear, patches = Linear(hull, sea), Patches(hull, sea)
+    worst = {"linear": 0.0, "patches": 0.0}
+    for pose in random_poses(40, seed=44):
+        truth = Reference(hull, sea, 1e-7).wrench(*pose)
+        for name, method in (("linear", linear), ("patches", patches)):
+            error = relative_error(method.wrench(*pose), truth, hull)
+            worst[name] = max(worst[name], error)
+    assert worst["patches"] <= worst["linear"]
+
+
+def test_moments_integrate_a_quadratic_head_exactly():
+    """The root's moments against volume integrals, which Gauss's theorem makes of them."""
+    hull = Hull.from_trimesh(meshes()["bunny"])
+    tree = build_tree(hull, np.inf, np.inf)
+    moments = tree.nodes[0, 6:].reshape(10, 6)
+    inertia = trimesh.Trimesh(hull.vertices, hull.faces, process=False).mass_properties
+    centre = tree.patches[0, :3]
+    volume = hull.volume
+    # integral of x n_x = volume; of x^2 n_x = 2 * integral of x over the volume
+    np.testing.assert_allclose(moments[1:4, :3], volume * np.eye(3), atol=ROUND_OFF)
+    first = volume * (inertia.center_mass - centre)
+    assert moments[4, 0] == pytest.approx(2.0 * first[0], abs=ROUND_OFF)
+    assert moments[7, 1] == pytest.approx(2.0 * first[1], abs=ROUND_OFF)
+    assert moments[5, 0] == pytest.approx(first[1], abs=ROUND_OFF)
+    np.testing.assert_allclose(moments[0], 0.0, atol=ROUND_OFF)  # uniform pressure
+
+
+@pytest.mark.parametrize("name", ["icosphere", "torus", "bunny"])
+def test_flat_water_collapses_to_one_patch_and_is_exact(name):
+    mesh = meshes()[name]
+    hull = Hull.from_trimesh(mesh)
+    method = Patches(hull, Sea())
+    assert len(method.tree.patches) == 1
+    for position, rotation, _ in random_poses(10, seed=45):
+        placed = trimesh.Trimesh(mesh.vertices @ rotation.T + position, mesh.faces, process=False)
+        force = method.wrench(position, rotation, 0.0)[:3] / (DENSITY * GRAVITY)
+        np.testing.assert_allclose(force, [0, 0, volume_below(placed, 0.0)], atol=ROUND_OFF)
+        expected = Linear(hull, Sea()).wrench(position, rotation, 0.0)
+        found = method.wrench(position, rotation, 0.0)
+        assert relative_error(found, expected, hull) < ROUND_OFF
+
+
+def test_coarse_triangles_are_split_to_meet_the_tolerance():
+    """A 12-face cube in chop becomes as good as a finely meshed one."""
+    sea = Sea([Wave(0.02, 0.5, 0.3), Wave(0.01, 0.35, -1.2, 1.0)])
+    hull = Hull.from_trimesh(CUBE)
+    linear, patches = Linear(hull, sea), Patches(hull, sea, 1e-3)
+    assert len(patches.tree.triangles) > 1000
+    worst = [0.0, 0.0]
+    for pose in random_poses(20, seed=46):
+        truth = Reference(hull, sea, 1e-7).wrench(*pose)
+        for i, method in enumerate((linear, patches)):
+            worst[i] = max(worst[i], relative_error(method.wrench(*pose), truth, hull))
+    assert worst[1] < 2e-4
+    assert worst[1] < worst[0] / 50.0
+
+
+def test_splitting_keeps_the_surface():
+    hull = Hull.from_trimesh(CUBE)
+    tree = build_tree(hull, 0.2, 0.1)
+    assert tree.areas[:, 3].sum() == pytest.approx(6.0, rel=ROUND_OFF)
+    np.testing.assert_allclose(tree.areas[:, :3].sum(axis=0), 0.0, atol=ROUND_OFF)
+    counts = tree.links[:, TRIANGLES_END] - tree.links[:, TRIANGLES]
+    assert counts.sum() == len(tree.triangles)  # every triangle is in just one leaf
+    assert (tree.patches[:, 3] <= 0.2).all()
+
+
+def test_dry_and_deep_hulls():
+    hull, sea = Hull.from_trimesh(load_mesh("bunny")), three_waves()
+    method = Patches(hull, sea, 1e-4)
+    assert not method.wrench([0.0, 0.0, 3.0], np.eye(3), 0.0).any()
+    rotation = random_rotation(np.random.default_rng(47))
+    deep = method.wrench([0.3, 0.2, -50.0], rotation, 1.0)
+    truth = Reference(hull, sea).wrench([0.3, 0.2, -50.0], rotation, 1.0)
+    assert relative_error(deep, truth, hull) < 1e-5
+    assert np.isnan(method.wrench([0.0, 0.0, np.nan], np.eye(3), 0.0)).any()
+
+
+@pytest.mark.parametrize("step", [1e-5, 1e-6])
+def test_forces_do_not_jump(step):
+    """Along slow sweeps of height and of angle neighbouring wrenches differ in proportion to the
+    step: no node that opens or closes leaves a jump of even 1e-8 of the whole."""
+    hull, sea = Hull.from_trimesh(load_mesh("bunny")), three_waves()
+    method = Patches(hull, sea, 0.02)  # large patches: jumps would be large
+    scale = DENSITY * GRAVITY * hull.volume
+    axis = np.array([0.6, 0.64, 0.48])
+    for position, rotation, time in random_poses(3, seed=48):
+        for sweep in ("height", "angle"):
+            wrenches = []
+            for s in step * np.arange(600):
+                turn = trimesh.transformations.rotation_matrix(s, axis)[:3, :3]
+                if sweep == "height":
+                    wrenches.append(method.wrench(position + [0.0, 0.0, s], rotation, time))
+                else:
+                    wrenches.append(method.wrench(position, turn @ rotation, time))
+            differences = np.diff(wrenches, axis=0) / scale
+            steady = np.median(differences, axis=0)
+            # kinks where vertices meet the water change the slope a little at a time
+            jumps = np.abs(differences - steady).max()
+            assert jumps < 0.2 * step + 1e-11
+
+
+def awkward(kind: str) -> trimesh.Trimesh:
+    """Boxes with slivers, with tiny triangles, and one whose faces line up with flat water."""
+    mesh = CUBE.copy()
+    if kind == "slivers":
+        mesh = mesh.subdivide()
+        mesh.vertices[:, 0] = np.where(
+            np.abs(mesh.vertices[:, 0]) < 0.25, 0.5 - 1e-6, mesh.vertices[:, 0]
+        )
+    if kind == "tiny":
+        mesh = mesh.subdivide_to_size(0.7)
+        mesh = (
+            mesh.subdivide(face_index=[0]).subdivide(face_index=[0]) if False else mesh.subdivide()
+        )
+        mesh.vertices *= 1e-3
+    return mesh
+
+
+@pytest.mark.parametrize("kind", ["slivers", "tiny", "aligned"])
+def test_awkward_triangles(kind):
+    mesh = awkward(kind)
+    hull = Hull.from_trimesh(mesh)
+    size = np.ptp(hull.bounds[:, 2])
+    for height in (0.0, 0.5 * size, -0.5 * size, 0.25 * size):  # faces and vertices on the water
+        found = Patches(hull, Sea()).wrench([0.0, 0.0, height], np.eye(3), 0.0)
+        displaced = hull.volume * (0.5 - height / size)
+        np.testing.assert_allclose(
+            found / (DENSITY * GRAVITY * hull.volume),
+            [0.0, 0.0, displaced / hull.volume, 0.0, 0.0, 0.0],
+            atol=1e-9,  # round-off of slivers: their corners are 1e-6 apart
+        )
+
+
+def test_a_fleet_shares_trees_and_agrees_with_its_members():
+    sea = three_waves()
+    ball = Hull.from_trimesh(meshes()["icosphere"])
+    shared, other = Patches(ball, sea, 1e-3), Patches(Hull.from_trimesh(CUBE), sea, 1e-2)
+    poses = random_poses(4, seed=49)
+    positions = np.array([p for p, _, _ in poses])
+    rotations = np.array([r.ravel() for _, r, _ in poses])
+    out = np.ones((4, 6))
+    methods, rows = [shared, other, shared, other], [2, 0, 1, 2]
+    PatchFleet(methods, rows).add_wrenches(positions, rotations, 0.6, out)
+    expected = np.ones((4, 6))
+    for method, row in zip(methods, rows, strict=True):
+        expected[row] += method.wrench(positions[row], rotations[row], 0.6)
+    np.testing.assert_allclose(out, expected, rtol=1e-9)
+    with pytest.raises(ValueError, match="float in one sea"):
+        PatchFleet([shared, Patches(ball, three_waves())], [0, 1])
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan])
+def test_refuses_a_tolerance_that_cannot_be(tolerance):
+    with pytest.raises(ValueError, match=r"tolerance is .*above 0"):
+        Patches(Hull.from_trimesh(CUBE), Sea(), tolerance)
+
+
+def test_refuses_a_tolerance_that_asks_for_too_many_triangles():
+    ship = Hull.from_trimesh(trimesh.creation.box(extents=[200.0, 30.0, 20.0]))
+    with pytest.raises(ValueError, match=r"more than 2000000 on this hull; ask for a larger"):
+        Patches(ship, crossing_waves(0.3, 0.5), 1e-4)
+
+
+def test_same_input_same_bits():
+    hull, sea = Hull.from_trimesh(load_mesh("bunny")), three_waves()
+    pose = random_poses(1, seed=50)[0]
+    first = Patches(hull, sea).wrench(*pose)
+    np.testing.assert_array_equal(first, Patches(hull, sea).wrench(*pose))
