@@ -270,7 +270,7 @@ def mean_of_correlated(series: ArrayLike) -> Mean:
         off = means - means.mean()
         spread = float(off @ off)
         correlation = float(off[1:] @ off[:-1]) / spread if spread > 0.0 else 0.0
-        quiet = abs(correlation) <= 2.0 / np.sqrt(count)
+        quiet = abs(correlation) <= 2.0 / count**0.5
         if chosen is None or not (settled and quiet):
             error = np.sqrt(spread / (count - 1) / count)
             chosen = (float(error), count, length)
