@@ -4,7 +4,8 @@
 
 Each method moves a twin of the scene in the same water, all stepped together and drawn side by side
 in one recording. What is compared are means over the time after the warm-up: the paths
-themselves drift apart in waves from any difference, however small.
+themselves drift apart in waves from any difference, however small. Where a body has several ways
+to float and keeps one for long, one run tells little: --starts begins again at other times.
 
 Exit status: 0 on success, 2 on unusable input, 3 when a twin diverged, 130 after Ctrl-C
 (what was recorded until then is on disk).
@@ -27,17 +28,21 @@ from command_line import (
     INTERRUPTED,
     UNUSABLE_INPUT,
     Parser,
+    at_least,
     clear_progress,
     compiling_notice,
     positive,
     show_progress,
 )
 from sim import DivergenceError, Sample, Scene, SideBySideRecorder, simulate
-from sim.accuracy import FEWEST_BATCHES, mean_of_correlated
+from sim.accuracy import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
 from sim.simulation import observe
 
 QUANTITIES = {"height_m": 1e3, "tilt_deg": 1.0}
 """What is averaged, and what turns its differences into the mm and degrees that are printed."""
+
+LATEST_START = 1e4
+"""Seconds of the sea's time within which runs begin."""
 
 MEASURABLE = 3.0
 """Standard errors from zero at which a difference is said to be measured: with some sixteen batches
@@ -55,6 +60,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
                         help="seconds that the means leave out (10)")  # fmt: skip
     parser.add_argument("--rate", type=positive, default=30.0, metavar="HZ",
                         help="samples a simulated second (30)")  # fmt: skip
+    parser.add_argument("--starts", type=at_least(1), default=1, metavar="N",
+                        help="runs; later ones begin at random times of the sea (1)")  # fmt: skip
     parser.add_argument("--timestep", type=positive, metavar="S",
                         help="overrules the scene's timestep")  # fmt: skip
     record = parser.add_mutually_exclusive_group()
@@ -83,22 +90,50 @@ def load(options: argparse.Namespace) -> dict[str, Scene]:
     return twins
 
 
-class History:
-    """Heights [m] and tilts [deg] of all bodies of all twins, sample after sample."""
+def start_times(count: int) -> list[float]:
+    """Times [s] of the sea at which the runs begin: 0 and seeded random ones. The scene starts as
+    it does, but meets other phases of the waves."""
+    return [0.0, *np.random.default_rng(0).uniform(0.0, LATEST_START, count - 1)]
 
-    def __init__(self) -> None:
-        self.times: list[float] = []
+
+class History:
+    """Heights [m] and tilts [deg] of all bodies of all twins, sample after sample, run by run."""
+
+    def __init__(self, twins: int) -> None:
+        self.duration = 0.0
         self.last: tuple[Sample, ...] = ()
-        self._rows: list[np.ndarray] = []
+        self.steps = 0
+        self.buoyancy_seconds = np.zeros(twins)
+        self._runs: list[list[np.ndarray]] = []
+        self._times: list[list[float]] = []
+
+    def begin(self) -> None:
+        """Begin the next run."""
+        self._runs.append([])
+        self._times.append([])
 
     def add(self, samples: tuple[Sample, ...]) -> None:
-        self.times.append(samples[0].time)
+        times = self._times[-1]
+        times.append(samples[0].time)
+        self._runs[-1].append(np.array([[s.centres[:, 2], np.degrees(s.tilts)] for s in samples]))
+        self.duration = times[-1] - times[0]
         self.last = samples
-        self._rows.append(np.array([[s.centres[:, 2], np.degrees(s.tilts)] for s in samples]))
 
-    def after(self, warm_up: float) -> np.ndarray:
-        """(N, twins, quantities, bodies), without the warm-up [s]."""
-        return np.array(self._rows)[np.array(self.times) > warm_up - 1e-9]
+    def end(self) -> None:
+        """Add up what the run's steps took."""
+        if self.last:
+            self.steps += self.last[0].step
+            self.buoyancy_seconds += [s.buoyancy_seconds for s in self.last]
+
+    def after(self, warm_up: float) -> list[np.ndarray]:
+        """For every run (N, twins, quantities, bodies), without the warm-up [s]; a run that ended
+        too early for means is left out."""
+        values = [
+            np.array(run)[np.array(times) - times[0] > warm_up - 1e-9]
+            for run, times in zip(self._runs, self._times, strict=True)
+            if run
+        ]
+        return [v for v in values if len(v) >= FEWEST_BATCHES]
 
 
 def run(
@@ -107,26 +142,47 @@ def run(
     recorder: SideBySideRecorder | None,
     history: History,
 ) -> int:
-    """Simulate all twins in lockstep; return the exit status."""
-    show = sys.stderr.isatty()
+    """Simulate all twins in lockstep, start after start; return the exit status. The recorder gets
+    the first run."""
     status, trouble = 0, ""
+    try:
+        for i, time in enumerate(start_times(options.starts)):
+            if i > 0:
+                twins = load(options)
+            _run_once(twins, time, i, options, recorder if i == 0 else None, history)
+    except DivergenceError as error:
+        status, trouble = DIVERGED, str(error)
+    except KeyboardInterrupt:
+        status, trouble = INTERRUPTED, "interrupted"
+    if sys.stderr.isatty():
+        clear_progress()
+    if trouble:
+        print(f"compare.py: {trouble}", file=sys.stderr)
+    return status
+
+
+def _run_once(
+    twins: Mapping[str, Scene],
+    start: float,
+    index: int,
+    options: argparse.Namespace,
+    recorder: SideBySideRecorder | None,
+    history: History,
+) -> None:
+    for scene in twins.values():
+        scene.data.time = start
     runs = [simulate(scene, options.duration, options.rate) for scene in twins.values()]
+    history.begin()
     try:
         for samples in zip(*runs, strict=True):
             history.add(samples)
             if recorder is not None:
                 recorder.log(samples)
-            if show:
-                show_progress(samples[0].time, options.duration)
-    except DivergenceError as error:
-        status, trouble = DIVERGED, str(error)
-    except KeyboardInterrupt:
-        status, trouble = INTERRUPTED, "interrupted"
-    if show:
-        clear_progress()
-    if trouble:
-        print(f"compare.py: {trouble}", file=sys.stderr)
-    return status
+            if sys.stderr.isatty():
+                done = index * options.duration + samples[0].time - start
+                show_progress(done, options.starts * options.duration)
+    finally:
+        history.end()
 
 
 def summarise(
@@ -134,43 +190,44 @@ def summarise(
 ) -> dict[str, Any]:
     """The comparison in numbers, under the keys of --json."""
     labels, first = list(twins), next(iter(twins.values()))
+    microseconds = 1e6 * history.buoyancy_seconds / max(history.steps, 1)
     summary: dict[str, Any] = {
         "scene": first.name,
         "timestep": first.model.opt.timestep,
-        "duration": history.times[-1],
+        "duration": history.duration,
+        "starts": options.starts,
         "warm_up": options.warm_up,
         "rate": options.rate,
         "methods": labels,
-        "buoyancy_us_per_step": {
-            label: 1e6 * sample.buoyancy_seconds / max(sample.step, 1)
-            for label, sample in zip(labels, history.last, strict=True)
-        },
+        "buoyancy_us_per_step": dict(zip(labels, microseconds.tolist(), strict=True)),
         "means": {},
         "differences": {},
     }
-    values = history.after(options.warm_up)
-    if len(values) < FEWEST_BATCHES:  # the run ended early
+    runs = history.after(options.warm_up)
+    if len(runs) < options.starts:  # it ended early
         return summary
     for b, body in enumerate(first.buoyancy.body_names):
-        of_twins = {label: values[:, i, :, b] for i, label in enumerate(labels)}
-        summary["means"][body] = {label: _means(v) for label, v in of_twins.items()}
+        of_twins = {label: [v[:, i, :, b] for v in runs] for i, label in enumerate(labels)}
+        baseline = of_twins[labels[0]]
+        summary["means"][body] = {label: _means(series) for label, series in of_twins.items()}
         summary["differences"][body] = {
-            label: _means(v - of_twins[labels[0]])
+            label: _means([v - base for v, base in zip(series, baseline, strict=True)])
             | {"metres_apart": _apart(history.last[0], history.last[i], b)}
-            for i, (label, v) in enumerate(of_twins.items())
+            for i, (label, series) in enumerate(of_twins.items())
             if i > 0
         }
     return summary
 
 
-def _means(values: np.ndarray) -> dict[str, Any]:
-    """Means of the quantities (N, quantities) with all that is known of their errors, and the
-    largest value on the way."""
-    return {
-        name: asdict(mean_of_correlated(values[:, q]))
-        | {"largest": float(np.abs(values[:, q]).max())}
-        for q, name in enumerate(QUANTITIES)
-    }
+def _means(runs: list[np.ndarray]) -> dict[str, Any]:
+    """Means of the quantities (N, quantities) of all runs with all that is known of their errors,
+    and the largest value on the way."""
+    means = {}
+    for q, name in enumerate(QUANTITIES):
+        series = [values[:, q] for values in runs]
+        mean = mean_of_correlated(series[0]) if len(series) == 1 else mean_of_runs(series)
+        means[name] = asdict(mean) | {"largest": float(np.abs(series).max())}
+    return means
 
 
 def _apart(one: Sample, other: Sample, body: int) -> float:
@@ -180,8 +237,9 @@ def _apart(one: Sample, other: Sample, body: int) -> float:
 
 def print_summary(summary: dict[str, Any]) -> None:
     print(
-        f"{summary['scene']}: {summary['duration']:g} s at {summary['timestep']:g} s a step, means "
-        f"from {summary['warm_up']:g} s on, +- standard errors by batch means\n"
+        f"{summary['scene']}: {summary['starts']} x {summary['duration']:.5g} s at "
+        f"{summary['timestep']:g} s a step, means from {summary['warm_up']:g} s on, +- standard "
+        "errors by batch means\n"
     )
     for label, microseconds in summary["buoyancy_us_per_step"].items():
         print(f"{label}: {microseconds:.1f} us of buoyancy a step")
@@ -231,7 +289,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"compare.py: {error}", file=sys.stderr)
         return UNUSABLE_INPUT
-    history = History()
+    history = History(len(twins))
     started = perf_counter()
     with recorder or nullcontext():
         status = run(twins, options, recorder, history)

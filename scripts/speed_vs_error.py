@@ -184,40 +184,46 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     from matplotlib import pyplot as plt
     from matplotlib.lines import Line2D
 
-    hulls = list(dict.fromkeys(row["hull"] for row in rows))
-    seas = list(dict.fromkeys(row["sea"] for row in rows))
-    families = list(dict.fromkeys(family(row) for row in rows))
+    hulls, seas, families = (
+        list(dict.fromkeys(values))
+        for values in zip(*((r["hull"], r["sea"], family(r)) for r in rows), strict=True)
+    )
     columns = min(3, len(hulls) + 1)
     grid = -(-(len(hulls) + 1) // columns), columns
-    figure, axes = plt.subplots(*grid, figsize=(4.2 * columns, 3.6 * grid[0]), squeeze=False)
-    panels = dict(zip(hulls, axes.flat, strict=False))
-    for name, sea, kind in product(hulls, seas, families):
-        chosen = [r for r in rows if r["hull"] == name and r["sea"] == sea and family(r) == kind]
-        panels[name].loglog(
-            [r["us_min"] for r in chosen],
-            [r["force_max"] for r in chosen],
-            color=f"C{seas.index(sea)}",
-            marker=MARKERS[families.index(kind) % len(MARKERS)],
-            linewidth=1.0,
-            alpha=0.8,
-        )
-    for name, panel in panels.items():
+    size = (4.2 * columns, 3.6 * grid[0])
+    figure, axes = plt.subplots(*grid, figsize=size, squeeze=False, sharex=True, sharey=True)
+    panels = list(axes.flat)
+    for panel, name in zip(panels, hulls, strict=False):
+        for (i, sea), (j, kind) in product(enumerate(seas), enumerate(families)):
+            _draw_line(
+                panel,
+                [r for r in rows if (r["hull"], r["sea"], family(r)) == (name, sea, kind)],
+                color=f"C{i}",
+                marker=MARKERS[j % len(MARKERS)],
+            )
         faces = next(r["faces"] for r in rows if r["hull"] == name)
         panel.set_title(f"{name.replace('_', ', ')}: {faces:,} faces", fontsize=10)
-        panel.set_xlabel("microseconds a wrench (one thread)")
-        panel.set_ylabel("largest force error / (rho g V)")
-        panel.grid(True, which="major", alpha=0.3)
-    legend = [Line2D([], [], color=f"C{i}", label=f"sea: {s}") for i, s in enumerate(seas)]
+    legend = [Line2D([], [], color=f"C{i}", label=f"sea: {sea}") for i, sea in enumerate(seas)]
     legend += [
-        Line2D([], [], color="0.3", marker=MARKERS[i % len(MARKERS)], label=kind, linewidth=0)
-        for i, kind in enumerate(families)
+        Line2D([], [], color="0.3", marker=MARKERS[j % len(MARKERS)], label=kind, linewidth=0)
+        for j, kind in enumerate(families)
     ]
-    for spare in list(axes.flat)[len(hulls) :]:
+    for spare in panels[len(hulls) :]:
         spare.axis("off")
-    list(axes.flat)[len(hulls)].legend(handles=legend, loc="center", frameon=False)
+    panels[len(hulls)].legend(handles=legend, loc="center", frameon=False)
     figure.tight_layout()
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def _draw_line(panel: Any, rows: Sequence[dict[str, Any]], **style: Any) -> None:
+    """The settings of one method for a hull in a sea, in the order they were given in."""
+    times, sizes = [r["us_min"] for r in rows], [r["force_max"] for r in rows]
+    panel.loglog(times, sizes, linewidth=1.0, alpha=0.8, **style)
+    panel.set_xlabel("microseconds a wrench (one thread)")
+    panel.set_ylabel("largest force error / (rho g V)")
+    panel.tick_params(labelbottom=True, labelleft=True)
+    panel.grid(True, which="major", alpha=0.3)
 
 
 def family(row: dict[str, Any]) -> str:

@@ -236,15 +236,22 @@ class Customary:
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean of a series with its standard error; the error comes from so many batches of so many
-    samples each. settled: whether longer batches than that were found uncorrelated; if not,
-    the series is too short for its memory and the error is too small."""
+    """Mean with its standard error, which comes from the scatter of so many batches of so many
+    samples each. settled: whether batches of that length and longer were found uncorrelated; if
+    not, the series is too short for its memory and the error is too small."""
 
     value: float
     error: float
     batches: int
     batch: int
     settled: bool
+
+
+def mean_of_runs(runs: Sequence[Array]) -> Mean:
+    """Mean over independent runs (N,) of equal length: one batch each."""
+    means = np.array([np.mean(run) for run in runs])
+    error = means.std(ddof=1) / np.sqrt(len(means))
+    return Mean(float(means.mean()), float(error), len(means), len(runs[0]), settled=True)
 
 
 def mean_of_correlated(series: ArrayLike) -> Mean:

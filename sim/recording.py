@@ -224,11 +224,12 @@ class SideBySideRecorder:
             Recorder(self.path, scene, _Part(self._stream, _part(label)))
             for label, scene in scenes.items()
         ]
-        for label in scenes:
-            for path_of, name in product(SERIES.values(), first.buoyancy.body_names):
-                line = rr.SeriesLines(names=f"{label}{': water' * path_of.endswith('water')}")
-                entity = f"{_part(label)}/{path_of.format(_part(name))}"
-                self._stream.log(entity, line, static=True)
+        bodies = first.buoyancy.body_names
+        for label, path_of, body in product(scenes, SERIES.values(), bodies):
+            name = f"water at {body}" if path_of.endswith("water") else body
+            line = rr.SeriesLines(names=f"{name}, {label}")
+            entity = f"{_part(label)}/{path_of.format(_part(body))}"
+            self._stream.log(entity, line, static=True)
 
     def __enter__(self) -> "SideBySideRecorder":
         return self

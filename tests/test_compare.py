@@ -52,8 +52,8 @@ def run(tmp_path_factory):
 def test_summary_has_means_differences_and_times(run):
     result, summary, _ = run
     assert list(summary) == [
-        "scene", "timestep", "duration", "warm_up", "rate", "methods", "buoyancy_us_per_step",
-        "means", "differences", "wall_s", "recording",
+        "scene", "timestep", "duration", "starts", "warm_up", "rate", "methods",
+        "buoyancy_us_per_step", "means", "differences", "wall_s", "recording",
     ]  # fmt: skip
     labels = ["linear", "chord:4", "linear (2)"]
     assert summary["methods"] == list(summary["means"]["cube"]) == labels
@@ -78,6 +78,27 @@ def test_means_leave_the_warm_up_out(run):
     assert summary["means"]["cube"]["linear"]["height_m"]["value"] == pytest.approx(
         np.mean(heights)
     )
+
+
+def test_starts_are_runs_at_other_times_of_the_sea(tmp_path):
+    result = compare(
+        MODELS / "cube.xml", "--methods", "linear", "linear", "--starts", 3, "--duration", 3,
+        "--warm-up", 1, "--rate", 20, "--timestep", 0.004, "--no-record", "--json", "out.json",
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((tmp_path / "out.json").read_text())
+    height = summary["means"]["cube"]["linear"]["height_m"]
+    assert (height["batches"], height["batch"]) == (3, 41)
+    means = []
+    for time in (0.0, *np.random.default_rng(0).uniform(0.0, 1e4, 2)):
+        scene = Scene.load(MODELS / "cube.xml", "linear", timestep=0.004)
+        scene.data.time = time
+        heights = [s.centres[0, 2] for s in simulate(scene, 3.0, 20.0)]
+        means.append(np.mean(heights[20:]))
+    assert height["value"] == pytest.approx(np.mean(means))
+    assert height["error"] == pytest.approx(np.std(means, ddof=1) / np.sqrt(3))
+    assert summary["differences"]["cube"]["linear (2)"]["height_m"]["largest"] == 0.0
 
 
 def test_all_twins_are_in_one_recording(run):
