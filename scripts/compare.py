@@ -72,8 +72,9 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def load(options: argparse.Namespace) -> dict[str, Scene]:
-    """A twin of the scene for each method, by its label, kernels compiled."""
+def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
+    """A twin of the scene for each method, by its label, kernels compiled; `again`: not the first
+    time."""
     samples = (options.duration - options.warm_up) * options.rate
     if samples < FEWEST_BATCHES:
         raise ValueError(
@@ -81,7 +82,7 @@ def load(options: argparse.Namespace) -> dict[str, Scene]:
             f"{options.warm_up:g} s, and means need {FEWEST_BATCHES}; run longer"
         )
     twins: dict[str, Scene] = {}
-    with compiling_notice(quiet=False):
+    with compiling_notice(quiet=again):
         for text in options.methods:
             scene = Scene.load(options.scene, text, timestep=options.timestep)
             observe(scene)
@@ -148,7 +149,7 @@ def run(
     try:
         for i, time in enumerate(start_times(options.starts)):
             if i > 0:
-                twins = load(options)
+                twins = load(options, again=True)
             _run_once(twins, time, i, options, recorder if i == 0 else None, history)
     except DivergenceError as error:
         status, trouble = DIVERGED, str(error)

@@ -115,11 +115,11 @@ def measure(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
             "sea": sea_name,
             "waves": len(sea.waves),
         }
-        for row in compare(options, hull, sea, poses, truths[surface, sea_name]):
+        for row in measure_case(options, hull, sea, poses, truths[surface, sea_name]):
             yield case | row
 
 
-def compare(
+def measure_case(
     options: argparse.Namespace, hull: Hull, sea: Sea, poses: Sequence[Pose], truth: np.ndarray
 ) -> Iterator[dict[str, Any]]:
     """The methods' rows for one hull in one sea; the first method is the baseline."""
