@@ -100,24 +100,28 @@ def start_times(count: int) -> list[float]:
 class History:
     """Heights [m] and tilts [deg] of all bodies of all twins, sample after sample, run by run."""
 
-    def __init__(self, twins: int) -> None:
-        self.duration = 0.0
+    def __init__(self, twins: int, timestep: float) -> None:
+        self.timestep = timestep
         self.last: tuple[Sample, ...] = ()
         self.steps = 0
         self.buoyancy_seconds = np.zeros(twins)
         self._runs: list[list[np.ndarray]] = []
-        self._times: list[list[float]] = []
+        self._ages: list[list[float]] = []
+
+    @property
+    def duration(self) -> float:
+        """Simulated seconds of the last run."""
+        return self._ages[-1][-1]
 
     def begin(self) -> None:
         """Begin the next run."""
         self._runs.append([])
-        self._times.append([])
+        self._ages.append([])
 
     def add(self, samples: tuple[Sample, ...]) -> None:
-        times = self._times[-1]
-        times.append(samples[0].time)
+        # counted in steps: times differ in their last digits between starts
+        self._ages[-1].append(samples[0].step * self.timestep)
         self._runs[-1].append(np.array([[s.centres[:, 2], np.degrees(s.tilts)] for s in samples]))
-        self.duration = times[-1] - times[0]
         self.last = samples
 
     def end(self) -> None:
@@ -130,8 +134,8 @@ class History:
         """For every run (N, twins, quantities, bodies), without the warm-up [s]; a run that ended
         too early for means is left out."""
         values = [
-            np.array(run)[np.array(times) - times[0] > warm_up - 1e-9]
-            for run, times in zip(self._runs, self._times, strict=True)
+            np.array(run)[np.array(ages) > warm_up - 1e-9]
+            for run, ages in zip(self._runs, self._ages, strict=True)
             if run
         ]
         return [v for v in values if len(v) >= FEWEST_BATCHES]
@@ -180,7 +184,7 @@ def _run_once(
             if recorder is not None:
                 recorder.log(samples)
             if sys.stderr.isatty():
-                done = index * options.duration + samples[0].time - start
+                done = index * options.duration + history.duration
                 show_progress(done, options.starts * options.duration)
     finally:
         history.end()
@@ -290,7 +294,8 @@ def main(arguments: list[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"compare.py: {error}", file=sys.stderr)
         return UNUSABLE_INPUT
-    history = History(len(twins))
+    timestep = next(iter(twins.values())).model.opt.timestep
+    history = History(len(twins), timestep)
     started = perf_counter()
     with recorder or nullcontext():
         status = run(twins, options, recorder, history)
