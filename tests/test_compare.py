@@ -1,8 +1,10 @@
 """scripts/compare.py: twins in the same water."""
 
 import json
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -91,9 +93,9 @@ def test_starts_are_runs_at_other_times_of_the_sea(tmp_path):
     height = summary["means"]["cube"]["linear"]["height_m"]
     assert (height["batches"], height["batch"]) == (3, 41)
     means = []
-    for time in (0.0, *np.random.default_rng(0).uniform(0.0, 1e4, 2)):
+    for start in (0.0, *np.random.default_rng(0).uniform(0.0, 1e4, 2)):
         scene = Scene.load(MODELS / "cube.xml", "linear", timestep=0.004)
-        scene.data.time = time
+        scene.data.time = start
         heights = [s.centres[0, 2] for s in simulate(scene, 3.0, 20.0)]
         means.append(np.mean(heights[20:]))
     assert height["value"] == pytest.approx(np.mean(means))
@@ -143,6 +145,24 @@ def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path):
     assert "body 'cube' diverged at" in result.stderr
     assert json.loads((tmp_path / "out.json").read_text())["differences"] == {}
     assert len(RrdReader(tmp_path / "wild.rrd").recordings()) == 1
+
+
+def test_ctrl_c_gives_status_130_and_a_readable_recording(tmp_path):
+    process = subprocess.Popen(
+        [*COMPARE, str(MODELS / "cube.xml"), "--methods", "linear", "chord:4",
+         "--duration", "1000", "--record", "cut.rrd"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline, recording = time.monotonic() + 60.0, tmp_path / "cut.rrd"
+    while not (recording.exists() and recording.stat().st_size > 300_000):
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert stderr.strip().endswith("interrupted")
+    assert len(RrdReader(recording).recordings()) == 1
 
 
 @pytest.mark.parametrize(
