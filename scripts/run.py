@@ -10,35 +10,23 @@ import argparse
 import json
 import shutil
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NoReturn
+from typing import Any
 
+from command_line import (
+    DIVERGED,
+    INTERRUPTED,
+    UNUSABLE_INPUT,
+    Parser,
+    clear_progress,
+    compiling_notice,
+    positive,
+    show_progress,
+)
 from sim import DivergenceError, Recorder, Scene, Tally, simulate
 from sim.simulation import observe
-
-UNUSABLE_INPUT, DIVERGED, INTERRUPTED = 2, 3, 130
-
-COMPILING_NOTICE_AFTER = 1.0
-"""Seconds after which loading a scene can only mean that kernels are being compiled."""
-
-
-class Parser(argparse.ArgumentParser):
-    """Says what is wrong with the command line in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(UNUSABLE_INPUT, f"{self.prog}: {message} (see --help)\n")
-
-
-def positive(text: str) -> float:
-    """A number above 0 from the command line."""
-    value = float(text)
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a finite number above 0")
-    return value
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
@@ -67,36 +55,12 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-@contextmanager
-def compiling_notice(quiet: bool) -> Iterator[None]:
-    """Say that kernels are being compiled if what happens in the block takes long enough for it."""
-
-    def say() -> None:
-        print("compiling the kernels; this is done once and kept ...", file=sys.stderr, flush=True)
-
-    timer = threading.Timer(COMPILING_NOTICE_AFTER, say)
-    if not quiet:
-        timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-
-
 def load(options: argparse.Namespace) -> Scene:
     """Load the scene and compute its wrenches once, which compiles the kernels."""
     with compiling_notice(options.quiet):
         scene = Scene.load(options.scene, options.method, options.tolerance, options.timestep)
         observe(scene)
     return scene
-
-
-def show_progress(time: float, duration: float) -> None:
-    """Draw a bar on the terminal's current line."""
-    width = 40
-    done = min(width, round(width * time / duration))
-    bar = "#" * done + "." * (width - done)
-    print(f"\r[{bar}] {time:.1f} of {duration:g} s", end="", file=sys.stderr, flush=True)
 
 
 def run(scene: Scene, options: argparse.Namespace, recorder: Recorder | None, tally: Tally) -> int:
@@ -115,7 +79,7 @@ def run(scene: Scene, options: argparse.Namespace, recorder: Recorder | None, ta
     except KeyboardInterrupt:
         status, trouble = INTERRUPTED, "interrupted"
     if show:
-        print("\r\033[K", end="", file=sys.stderr)
+        clear_progress()
     if trouble:
         print(f"run.py: {trouble}", file=sys.stderr)
     return status

@@ -12,6 +12,7 @@ The layers, from the bottom up; imports point only downwards in this list:
     scene        Scene: an MJCF file as something that can be stepped
     simulation   simulate: the stepping loop, yields Samples
     recording    Recorder: Samples -> a Rerun recording
+    accuracy     errors and timings of methods, means of correlated series
 
 Nothing below mjcf knows MuJoCo and nothing but recording knows Rerun.
 """
@@ -19,7 +20,7 @@ Nothing below mjcf knows MuJoCo and nothing but recording knows Rerun.
 from sim.coupling import Buoyancy
 from sim.hull import Hull
 from sim.methods import Chord, Linear, Patches, Reference
-from sim.recording import Recorder
+from sim.recording import Recorder, SideBySideRecorder
 from sim.scene import Scene
 from sim.sea import Sea, Wave
 from sim.simulation import DivergenceError, Sample, Tally, simulate
@@ -37,6 +38,7 @@ __all__ = [
     "Sample",
     "Scene",
     "Sea",
+    "SideBySideRecorder",
     "Tally",
     "Wave",
     "simulate",

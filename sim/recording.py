@@ -11,8 +11,11 @@ Entities, all in world axes [m]:
 on the timelines `time` (simulated seconds) and `frame`.
 """
 
+from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -62,21 +65,17 @@ class Recorder:
 
     The file is readable whenever the block is left, by an exception too. Missing folders are
     made. Raises OSError when the file cannot be written.
+
+    stream: part of a recording that is open already (`_Part`), instead of a file of its own.
     """
 
-    def __init__(self, path: str | Path, scene: Scene) -> None:
+    def __init__(self, path: str | Path, scene: Scene, stream: "_Part | None" = None) -> None:
         self.path = Path(path)
         self.scene = scene
         self._frame = 0
         self._waiting: list[Sample] = []
         self._side, self._steps = _water_grid(scene)
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.path.open("wb").close()  # tells plainly what Rerun would report from a thread
-        self._stream = rr.RecordingStream("waterline")
-        self._stream.set_log_time_enabled(False)
-        self._stream.set_log_tick_enabled(False)
-        self._stream.save(self.path, default_blueprint=_blueprint(scene, self._side))
-        self._stream.send_recording_name(scene.name)
+        self._stream = stream or _open(self.path, scene.name, _blueprint(scene, self._side))
         self._log_static()
 
     def __enter__(self) -> "Recorder":
@@ -205,6 +204,81 @@ class Recorder:
                 )
 
 
+class SideBySideRecorder:
+    """Writes several simulations of one scene to one .rrd file; a context manager.
+
+        with SideBySideRecorder("twins.rrd", {"linear": one, "chord:4": other}) as recorder:
+            for samples in zip(simulate(one, 10.0), simulate(other, 10.0)):
+                recorder.log(samples)
+
+    Each has a 3D view of its own, titled with its label, all in the same water and seen from the
+    same place; their plots share axes. What a `Recorder` writes stands below the entity <label>.
+    """
+
+    def __init__(self, path: str | Path, scenes: Mapping[str, Scene]) -> None:
+        self.path = Path(path)
+        first = next(iter(scenes.values()))
+        blueprint = _side_by_side_blueprint(scenes)
+        self._stream = _open(self.path, f"{first.name}: {', '.join(scenes)}", blueprint)
+        self._recorders = [
+            Recorder(self.path, scene, _Part(self._stream, _part(label)))
+            for label, scene in scenes.items()
+        ]
+        bodies = first.buoyancy.body_names
+        for label, path_of, body in product(scenes, SERIES.values(), bodies):
+            name = f"water at {body}" if path_of.endswith("water") else body
+            line = rr.SeriesLines(names=f"{name}, {label}")
+            entity = f"{_part(label)}/{path_of.format(_part(body))}"
+            self._stream.log(entity, line, static=True)
+
+    def __enter__(self) -> "SideBySideRecorder":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for recorder in self._recorders:
+            recorder.close()
+        self._stream.disconnect()
+
+    def log(self, samples: Sequence[Sample]) -> None:
+        """Add one sample of each simulation, in the order of the scenes, as the next frame."""
+        for recorder, sample in zip(self._recorders, samples, strict=True):
+            recorder.log(sample)
+
+
+class _Part:
+    """The part of an open stream below one entity; takes what a `Recorder` logs."""
+
+    def __init__(self, stream: rr.RecordingStream, root: str) -> None:
+        self._stream, self._root = stream, root
+        self.set_time, self.flush = stream.set_time, stream.flush
+
+    def log(self, entity: str, *what: Any, **options: Any) -> None:
+        self._stream.log(f"{self._root}/{entity}".rstrip("/"), *what, **options)
+
+    def send_columns(self, entity: str, **columns: Any) -> None:
+        self._stream.send_columns(f"{self._root}/{entity}", **columns)
+
+    def disconnect(self) -> None:
+        """Leave the stream open: it has other parts."""
+
+
+def _open(path: Path, name: str, blueprint: rrb.Blueprint) -> rr.RecordingStream:
+    """A stream into a new file. Raises OSError when it cannot be written."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.open("wb").close()  # tells plainly what Rerun would report from a thread
+    stream = rr.RecordingStream("waterline")
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    stream.save(path, default_blueprint=blueprint)
+    stream.send_recording_name(name)
+    return stream
+
+
 def vertex_normals(hull: Hull) -> Array:
     """Outward unit normals (V, 3) at the vertices: means of the faces around, by their area."""
     normals = np.zeros_like(hull.vertices)
@@ -235,7 +309,8 @@ def _grid_faces(resolution: int) -> NDArray[np.int64]:
     return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
 
-def _blueprint(scene: Scene, side: float) -> rrb.Blueprint:
+def _view(scene: Scene, side: float, name: str, root: str = "") -> rrb.Spatial3DView:
+    """The bodies and the water around them."""
     centre = scene.data.xipos[scene.buoyancy.bodies].mean(axis=0)
     centre[2] = scene.buoyancy.sea.level
     eye = rrb.EyeControls3D(
@@ -243,15 +318,35 @@ def _blueprint(scene: Scene, side: float) -> rrb.Blueprint:
         look_target=centre,
         eye_up=(0.0, 0.0, 1.0),
     )
+    return rrb.Spatial3DView(origin=f"{root}world", name=name, eye_controls=eye)
+
+
+def _blueprint(scene: Scene, side: float) -> rrb.Blueprint:
     plots = [
         rrb.TimeSeriesView(origin=f"plots/{entity}", name=title) for entity, title in PLOTS.items()
     ]
+    return _arranged(_view(scene, side, scene.name), plots, [2, 1])
+
+
+def _side_by_side_blueprint(scenes: Mapping[str, Scene]) -> rrb.Blueprint:
+    views = [
+        _view(scene, _water_grid(scene)[0], label, f"{_part(label)}/")
+        for label, scene in scenes.items()
+    ]
+    plots = [
+        rrb.TimeSeriesView(
+            origin="/", contents=[f"+ /{_part(x)}/plots/{entity}/**" for x in scenes], name=title
+        )
+        for entity, title in PLOTS.items()
+    ]
+    return _arranged(rrb.Horizontal(*views), plots, [3, 1])
+
+
+def _arranged(
+    left: rrb.Spatial3DView | rrb.Horizontal, plots: list[rrb.TimeSeriesView], shares: list[int]
+) -> rrb.Blueprint:
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Spatial3DView(origin="world", name=scene.name, eye_controls=eye),
-            rrb.Vertical(*plots),
-            column_shares=[2, 1],
-        ),
+        rrb.Horizontal(left, rrb.Vertical(*plots), column_shares=shares),
         rrb.TimePanel(timeline="time", state="collapsed"),
         collapse_panels=True,
     )

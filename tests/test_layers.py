@@ -17,6 +17,7 @@ LAYERS = {
     "scene": {"coupling"},
     "simulation": {"scene"},
     "recording": {"simulation", "scene", "hull"},
+    "accuracy": {"methods", "gerstner", "sea", "hull", "triangle"},
 }
 """What each layer may import from the others."""
 

@@ -1,0 +1,314 @@
+"""Run one scene with several methods at once and say whether they make a difference.
+
+    python scripts/compare.py models/cube.xml --methods linear chord:4
+
+Each method moves a twin of the scene in the same water, all stepped together and drawn side by side
+in one recording. What is compared are means over the time after the warm-up: the paths
+themselves drift apart in waves from any difference, however small. Where a body has several ways
+to float and keeps one for long, one run tells little: --starts begins again at other times.
+
+Exit status: 0 on success, 2 on unusable input, 3 when a twin diverged, 130 after Ctrl-C
+(what was recorded until then is on disk).
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import asdict
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from command_line import (
+    DIVERGED,
+    INTERRUPTED,
+    UNUSABLE_INPUT,
+    Parser,
+    at_least,
+    clear_progress,
+    compiling_notice,
+    positive,
+    show_progress,
+)
+from sim import DivergenceError, Sample, Scene, SideBySideRecorder, simulate
+from sim.accuracy import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
+from sim.simulation import observe
+
+QUANTITIES = {"height_m": 1e3, "tilt_deg": 1.0}
+"""What is averaged, and what turns its differences into the mm and degrees that are printed."""
+
+LATEST_START = 1e4
+"""Seconds of the sea's time within which runs begin."""
+
+MEASURABLE = 3.0
+"""Standard errors from zero at which a difference is said to be measured: with some sixteen batches
+chance alone does that once in a hundred times."""
+
+
+def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
+    parser = Parser(prog="compare.py", description=__doc__.splitlines()[0])
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
+    parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD",
+                        help="method texts; the others are held against the first")  # fmt: skip
+    parser.add_argument("--duration", type=positive, default=60.0, metavar="S",
+                        help="simulated seconds (60)")  # fmt: skip
+    parser.add_argument("--warm-up", type=positive, default=10.0, metavar="S",
+                        help="seconds that the means leave out (10)")  # fmt: skip
+    parser.add_argument("--rate", type=positive, default=30.0, metavar="HZ",
+                        help="samples a simulated second (30)")  # fmt: skip
+    parser.add_argument("--starts", type=at_least(1), default=1, metavar="N",
+                        help="runs; later ones begin at random times of the sea (1)")  # fmt: skip
+    parser.add_argument("--timestep", type=positive, metavar="S",
+                        help="overrules the scene's timestep")  # fmt: skip
+    record = parser.add_mutually_exclusive_group()
+    record.add_argument("--record", type=Path, metavar="FILE.rrd",
+                        help="default recordings/<scene>_twins.rrd")  # fmt: skip
+    record.add_argument("--no-record", action="store_true", help="write no recording")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary there")
+    return parser.parse_args(arguments)
+
+
+def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
+    """A twin of the scene for each method, by its label, kernels compiled; `again`: not the first
+    time."""
+    samples = (options.duration - options.warm_up) * options.rate
+    if samples < FEWEST_BATCHES:
+        raise ValueError(
+            f"{options.duration:g} s leave {max(samples, 0):.0f} samples after a warm-up of "
+            f"{options.warm_up:g} s, and means need {FEWEST_BATCHES}; run longer"
+        )
+    twins: dict[str, Scene] = {}
+    with compiling_notice(quiet=again):
+        for text in options.methods:
+            scene = Scene.load(options.scene, text, timestep=options.timestep)
+            observe(scene)
+            same = sum(label.split(" ")[0] == text for label in twins)
+            twins[f"{text} ({same + 1})" if same else text] = scene
+    return twins
+
+
+def start_times(count: int) -> list[float]:
+    """Times [s] of the sea at which the runs begin: 0 and seeded random ones. The scene starts as
+    it does, but meets other phases of the waves."""
+    return [0.0, *np.random.default_rng(0).uniform(0.0, LATEST_START, count - 1)]
+
+
+class History:
+    """Heights [m] and tilts [deg] of all bodies of all twins, sample after sample, run by run."""
+
+    def __init__(self, twins: int, timestep: float) -> None:
+        self.timestep = timestep
+        self.last: tuple[Sample, ...] = ()
+        self.steps = 0
+        self.buoyancy_seconds = np.zeros(twins)
+        self._runs: list[list[np.ndarray]] = []
+        self._ages: list[list[float]] = []
+
+    @property
+    def duration(self) -> float:
+        """Simulated seconds of the last run."""
+        return self._ages[-1][-1]
+
+    def begin(self) -> None:
+        """Begin the next run."""
+        self._runs.append([])
+        self._ages.append([])
+
+    def add(self, samples: tuple[Sample, ...]) -> None:
+        # counted in steps: times differ in their last digits between starts
+        self._ages[-1].append(samples[0].step * self.timestep)
+        self._runs[-1].append(np.array([[s.centres[:, 2], np.degrees(s.tilts)] for s in samples]))
+        self.last = samples
+
+    def end(self) -> None:
+        """Add up what the run's steps took."""
+        if self.last:
+            self.steps += self.last[0].step
+            self.buoyancy_seconds += [s.buoyancy_seconds for s in self.last]
+
+    def after(self, warm_up: float) -> list[np.ndarray]:
+        """For every run (N, twins, quantities, bodies), without the warm-up [s]; a run that ended
+        too early for means is left out."""
+        values = [
+            np.array(run)[np.array(ages) > warm_up - 1e-9]
+            for run, ages in zip(self._runs, self._ages, strict=True)
+            if run
+        ]
+        return [v for v in values if len(v) >= FEWEST_BATCHES]
+
+
+def run(
+    twins: Mapping[str, Scene],
+    options: argparse.Namespace,
+    recorder: SideBySideRecorder | None,
+    history: History,
+) -> int:
+    """Simulate all twins in lockstep, start after start; return the exit status. The recorder gets
+    the first run."""
+    status, trouble = 0, ""
+    try:
+        for i, time in enumerate(start_times(options.starts)):
+            if i > 0:
+                twins = load(options, again=True)
+            _run_once(twins, time, i, options, recorder if i == 0 else None, history)
+    except DivergenceError as error:
+        status, trouble = DIVERGED, str(error)
+    except KeyboardInterrupt:
+        status, trouble = INTERRUPTED, "interrupted"
+    if sys.stderr.isatty():
+        clear_progress()
+    if trouble:
+        print(f"compare.py: {trouble}", file=sys.stderr)
+    return status
+
+
+def _run_once(
+    twins: Mapping[str, Scene],
+    start: float,
+    index: int,
+    options: argparse.Namespace,
+    recorder: SideBySideRecorder | None,
+    history: History,
+) -> None:
+    for scene in twins.values():
+        scene.data.time = start
+    runs = [simulate(scene, options.duration, options.rate) for scene in twins.values()]
+    history.begin()
+    try:
+        for samples in zip(*runs, strict=True):
+            history.add(samples)
+            if recorder is not None:
+                recorder.log(samples)
+            if sys.stderr.isatty():
+                done = index * options.duration + history.duration
+                show_progress(done, options.starts * options.duration)
+    finally:
+        history.end()
+
+
+def summarise(
+    twins: Mapping[str, Scene], options: argparse.Namespace, history: History
+) -> dict[str, Any]:
+    """The comparison in numbers, under the keys of --json."""
+    labels, first = list(twins), next(iter(twins.values()))
+    microseconds = 1e6 * history.buoyancy_seconds / max(history.steps, 1)
+    summary: dict[str, Any] = {
+        "scene": first.name,
+        "timestep": first.model.opt.timestep,
+        "duration": history.duration,
+        "starts": options.starts,
+        "warm_up": options.warm_up,
+        "rate": options.rate,
+        "methods": labels,
+        "buoyancy_us_per_step": dict(zip(labels, microseconds.tolist(), strict=True)),
+        "means": {},
+        "differences": {},
+    }
+    runs = history.after(options.warm_up)
+    if len(runs) < options.starts:  # it ended early
+        return summary
+    for b, body in enumerate(first.buoyancy.body_names):
+        of_twins = {label: [v[:, i, :, b] for v in runs] for i, label in enumerate(labels)}
+        baseline = of_twins[labels[0]]
+        summary["means"][body] = {label: _means(series) for label, series in of_twins.items()}
+        summary["differences"][body] = {
+            label: _means([v - base for v, base in zip(series, baseline, strict=True)])
+            | {"metres_apart": _apart(history.last[0], history.last[i], b)}
+            for i, (label, series) in enumerate(of_twins.items())
+            if i > 0
+        }
+    return summary
+
+
+def _means(runs: list[np.ndarray]) -> dict[str, Any]:
+    """Means of the quantities (N, quantities) of all runs with all that is known of their errors,
+    and the largest value on the way."""
+    means = {}
+    for q, name in enumerate(QUANTITIES):
+        series = [values[:, q] for values in runs]
+        mean = mean_of_correlated(series[0]) if len(series) == 1 else mean_of_runs(series)
+        means[name] = asdict(mean) | {"largest": float(np.abs(series).max())}
+    return means
+
+
+def _apart(one: Sample, other: Sample, body: int) -> float:
+    """Distance [m] between two twins of a body."""
+    return float(np.linalg.norm(one.centres[body] - other.centres[body]))
+
+
+def print_summary(summary: dict[str, Any]) -> None:
+    print(
+        f"{summary['scene']}: {summary['starts']} x {summary['duration']:.5g} s at "
+        f"{summary['timestep']:g} s a step, means from {summary['warm_up']:g} s on, +- standard "
+        "errors by batch means\n"
+    )
+    for label, microseconds in summary["buoyancy_us_per_step"].items():
+        print(f"{label}: {microseconds:.1f} us of buoyancy a step")
+    width = max(len(label) for label in summary["methods"])
+    for body, means in summary["means"].items():
+        print(f"\n{body:<{width}}              height m                    tilt deg")
+        for label, mean in means.items():
+            cells = [f"{m['value']:11.5f} +- {m['error']:.5f}" for m in mean.values()]
+            print(f"{label:<{width}}  {cells[0]}     {cells[1]}")
+    for body, differences in summary["differences"].items():
+        for label, difference in differences.items():
+            print(f"\n{body}, {label} minus {summary['methods'][0]}:")
+            _print_difference(difference, summary["rate"])
+
+
+def _print_difference(difference: dict[str, Any], rate: float) -> None:
+    for (name, factor), unit in zip(QUANTITIES.items(), ("mm", "deg"), strict=True):
+        d = difference[name]
+        value, error = factor * d["value"], factor * d["error"]
+        print(
+            f"  {name.split('_')[0]:<6} {value:+.2g} +- {error:.1g} {unit}, {_verdict(d)}; at most "
+            f"{factor * d['largest']:.2g} {unit}; {d['batches']} batches of "
+            f"{d['batch'] / rate:.2g} s"
+        )
+    print(f"  at the end {difference['metres_apart']:.2g} m apart")
+
+
+def _verdict(difference: dict[str, Any]) -> str:
+    if difference["largest"] == 0.0:
+        return "identical"
+    if not difference["settled"]:
+        return "undecided: still correlated over the longest batches, run longer"
+    sure = abs(difference["value"]) > MEASURABLE * difference["error"]
+    return "measured" if sure else "not measurable"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse_arguments(arguments)
+    recording = None
+    if not options.no_record:
+        recording = options.record or Path("recordings") / f"{options.scene.stem}_twins.rrd"
+    try:
+        twins = load(options)
+        if options.json is not None:
+            options.json.open("a").close()
+        recorder = None if recording is None else SideBySideRecorder(recording, twins)
+    except (ValueError, OSError) as error:
+        print(f"compare.py: {error}", file=sys.stderr)
+        return UNUSABLE_INPUT
+    timestep = next(iter(twins.values())).model.opt.timestep
+    history = History(len(twins), timestep)
+    started = perf_counter()
+    with recorder or nullcontext():
+        status = run(twins, options, recorder, history)
+    summary = summarise(twins, options, history)
+    summary["wall_s"] = perf_counter() - started
+    summary["recording"] = None if recording is None else str(recording)
+    if options.json is not None:
+        options.json.write_text(json.dumps(summary, indent=2) + "\n")
+    print_summary(summary)
+    if recording is not None:
+        print(f"\nrecorded {recording.stat().st_size / 1e6:.1f} MB: {recording}")
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,148 @@
+"""The sources of error beside the method, for `speed_vs_error.py --sources`.
+
+Each is switched on alone and held against the same computation without it, first in the wrench at
+poses at the waterline, then in the path of a bunny dropped into three crossing waves.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from sim import Buoyancy, Chord, Hull, Linear, Reference, Scene, Sea, simulate
+from sim.accuracy import SEAS, Customary, Pose, errors, steepened, waterline_poses, wrenches
+from sim.methods import Method
+
+SCENE = Path(__file__).resolve().parents[1] / "models" / "bunny.xml"
+
+FALL, DURATION = 3.0, 10.0  # [s]; within 3 the bunny has fallen in and follows the waves
+RATE = 50.0  # [Hz]
+FINE_TIMESTEP = 1.25e-4  # [s], a sixteenth of the scene's
+
+STEEP = 0.8
+"""Sum of k a of the steepest sea of the table."""
+
+CONVERGED = 8
+"""Newton steps after which the customary elevation is at round-off in the seas used here."""
+
+Report = dict[str, list[dict[str, Any]]]
+
+
+def error_sources(make_hull: Callable[[str], Hull], pose_count: int, seed: int) -> Report:
+    """Rows of the two tables."""
+    bunny = make_hull("bunny")
+    seas = {name: SEAS[name] for name in ("three", "forty")}
+    seas["three, steep"] = steepened(SEAS["three"].waves, STEEP)
+    wrench_rows = [
+        {"sea": name, "waves": len(sea.waves), "steepness": sea.steepness} | row
+        for name, sea in seas.items()
+        for row in _wrench_rows(bunny, sea, waterline_poses(bunny, sea, pose_count, seed))
+    ]
+    return {"wrench": wrench_rows, "path": _path_rows()}
+
+
+def _refined(hull: Hull) -> Hull:
+    """The same surface in 16 times the faces."""
+    mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
+    return Hull.from_trimesh(mesh.subdivide().subdivide())
+
+
+def _wrench_rows(bunny: Hull, sea: Sea, poses: Sequence[Pose]) -> list[dict[str, Any]]:
+    """Errors in the wrench of the bunny."""
+    fine = _refined(bunny)
+    exact = Customary(bunny, sea, CONVERGED)
+    single = Customary(bunny, sea, CONVERGED, np.float32)
+    pairs: dict[str, tuple[Method, Method]] = {
+        "linear on 3,674 faces": (Linear(bunny, sea), Reference(bunny, sea, 1e-7)),
+        "the same surface in 58,784 faces": (Linear(fine, sea), Reference(bunny, sea, 1e-7)),
+        "chord:4 instead of linear": (Chord(bunny, sea), Linear(bunny, sea)),
+    }
+    for steps in (1, 2, 3, 4):
+        name = f"{steps} Newton step{'s' * (steps > 1)} for an elevation"
+        pairs[name] = (Customary(bunny, sea, steps), exact)
+    pairs["single precision"] = (single, exact)
+    pairs["our elevation's tolerance and round-off"] = (Linear(bunny, sea), exact)
+    rows = []
+    for name, (method, other) in pairs.items():
+        found = errors(wrenches(method, poses), wrenches(other, poses), method)
+        rows.append({"source": name, "force_max": found.force_max, "force_rms": found.force_rms,
+                     "torque_max": found.torque_max, "torque_rms": found.torque_rms})  # fmt: skip
+    return rows
+
+
+def _path_rows() -> list[dict[str, Any]]:
+    """Errors in the path of the scene's bunny: in height and tilt, while it falls in and after."""
+    plain = _path(Linear)
+    true_time = _path(Linear, FINE_TIMESTEP)
+    cases = {
+        "timestep 2 ms": (plain, true_time),
+        "timestep 1 ms": (_path(Linear, 1e-3), true_time),
+        "timestep 0.5 ms": (_path(Linear, 5e-4), true_time),
+        "linear on 3,674 faces, not 58,784": (
+            plain,
+            _path(lambda hull, sea: Linear(_refined(hull), sea)),
+        ),
+        "chord:4 instead of linear": (_path(Chord), plain),
+        "2 Newton steps for an elevation": (
+            _path(lambda hull, sea: Customary(hull, sea, 2)),
+            plain,
+        ),
+        "single precision": (
+            _path(lambda hull, sea: Customary(hull, sea, CONVERGED, np.float32)),
+            plain,
+        ),
+    }
+    rows = []
+    for name, (path, other) in cases.items():
+        off = np.abs(path - other)
+        fall, after = off[: round(FALL * RATE)].max(axis=0), off[round(FALL * RATE) :].max(axis=0)
+        rows.append(
+            {
+                "source": name,
+                "fall_height_mm": 1e3 * float(fall[0]),
+                "fall_tilt_deg": float(fall[1]),
+                "height_mm": 1e3 * float(after[0]),
+                "tilt_deg": float(after[1]),
+            }
+        )
+    return rows
+
+
+def _path(make: Callable[[Hull, Sea], Method], timestep: float | None = None) -> np.ndarray:
+    """Height [m] and tilt [deg] of the scene's bunny, (N, 2), with a method of one's own."""
+    scene = Scene.load(SCENE, timestep=timestep)
+    buoyancy = scene.buoyancy
+    floats = [replace(f, method=make(f.method.hull, buoyancy.sea)) for f in buoyancy.floats]
+    scene = replace(scene, buoyancy=Buoyancy(scene.model, buoyancy.sea, floats))
+    samples = simulate(scene, DURATION, RATE)
+    return np.array([[s.centres[0, 2], np.degrees(s.tilts[0])] for s in samples])
+
+
+def print_sources(report: Report) -> None:
+    """The two tables; errors relative as everywhere, paths in mm and degrees."""
+    width = max(len(row["source"]) for rows in report.values() for row in rows)
+    sea = None
+    for row in report["wrench"]:
+        if row["sea"] != sea:
+            sea = row["sea"]
+            print(
+                f"\nbunny in {row['waves']} waves, sum of k a {row['steepness']:.2f}\n"
+                f"{'error of the wrench from':<{width}}  force max      rms  torque max      rms"
+            )
+        print(
+            f"{row['source']:<{width}}    {row['force_max']:.1e}  {row['force_rms']:.1e}     "
+            f"{row['torque_max']:.1e}  {row['torque_rms']:.1e}"
+        )
+    print(
+        f"\nbunny dropped into its scene, largest error\n"
+        f"{'':<{width}}  in the first {FALL:g} s        until {DURATION:g} s\n"
+        f"{'error of the path from':<{width}}  height mm  tilt deg  height mm  tilt deg"
+    )
+    for row in report["path"]:
+        print(
+            f"{row['source']:<{width}}  {row['fall_height_mm']:9.2g} {row['fall_tilt_deg']:9.2g}  "
+            f"{row['height_mm']:9.2g} {row['tilt_deg']:9.2g}"
+        )

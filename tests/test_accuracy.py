@@ -1,0 +1,195 @@
+"""Errors, timings and means: the figures of the reports, held against cases that are known."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+
+from independent import REPOSITORY, ROUND_OFF, load_mesh, three_waves
+from sim import Chord, Hull, Linear, Reference, Sea
+from sim.accuracy import (
+    SEAS,
+    Customary,
+    errors,
+    mean_of_correlated,
+    time_in_turns,
+    waterline_poses,
+    wrenches,
+)
+
+CUBE = Hull.from_trimesh(trimesh.creation.box(extents=(1.0, 1.0, 1.0)))
+SCRIPT = [sys.executable, str(REPOSITORY / "scripts" / "speed_vs_error.py")]
+
+
+def script(*arguments, cwd, **options) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [*SCRIPT, *map(str, arguments)],
+        cwd=cwd, capture_output=True, text=True, timeout=120, **options,
+    )  # fmt: skip
+
+
+def test_seas_are_as_steep_as_the_reports_say():
+    steepness = {name: sea.steepness for name, sea in SEAS.items()}
+    assert steepness["three"] == pytest.approx(0.43)
+    assert steepness["forty"] == pytest.approx(0.72)
+    assert [len(SEAS[name].waves) for name in ("swell", "three", "forty")] == [1, 3, 40]
+
+
+@pytest.mark.parametrize("sea", SEAS)
+def test_poses_are_at_the_waterline_and_the_same_again(sea):
+    sea = SEAS[sea]
+    poses = waterline_poses(CUBE, sea, 20, seed=5)
+    for (place, turn, time), again in zip(poses, waterline_poses(CUBE, sea, 20, 5), strict=True):
+        np.testing.assert_array_equal(np.append(place, turn), np.append(again[0], again[1]))
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=ROUND_OFF)
+        assert np.linalg.det(turn) == pytest.approx(1.0)
+        heights = CUBE.vertices @ turn[2] + place[2]
+        elevation = sea.elevation(place[0], place[1], time)
+        assert heights.min() < elevation < heights.max()
+
+
+def test_errors_of_linear_on_flat_water_are_round_off():
+    sea = Sea()
+    linear = Linear(CUBE, sea)
+    poses = waterline_poses(CUBE, sea, 10)
+    found = errors(wrenches(linear, poses), wrenches(Reference(CUBE, sea), poses), linear)
+    assert max(found.force_max, found.torque_max, abs(found.bias)) < ROUND_OFF
+
+
+def test_errors_of_known_wrenches():
+    """A hull 2 m long with errors put in by hand, in units of density * gravity * volume."""
+    hull = Hull.from_trimesh(trimesh.creation.box(extents=(2.0, 1.0, 0.5)))
+    linear = Linear(hull, Sea())
+    truth = np.zeros((2, 6))
+    found = np.array([[3.0, 4.0, 12.0, 0.0, 0.0, 2.0], [0.0, 0.0, -6.0, 0.0, 0.0, 0.0]])
+    e = errors(found * linear.sea.density * linear.sea.gravity * hull.volume, truth, linear)
+    assert (e.force_max, e.horizontal_max, e.vertical_max) == pytest.approx((13.0, 5.0, 12.0))
+    assert e.force_rms == pytest.approx(np.sqrt((13.0**2 + 6.0**2) / 2))
+    assert (e.torque_max, e.torque_rms) == pytest.approx((1.0, np.sqrt(0.5)))
+    assert (e.bias, e.bias_error) == pytest.approx((3.0, 9.0))
+
+
+def test_times_are_of_every_method_in_every_round():
+    poses = waterline_poses(CUBE, SEAS["three"], 3)
+    methods = [Linear(CUBE, SEAS["three"]), Chord(CUBE, SEAS["three"])]
+    seconds = time_in_turns(methods, poses, seconds=1e-9)
+    assert seconds.shape == (3, 2)
+    assert (seconds > 0.0).all()
+
+
+def test_customary_elevation_converges_to_ours_with_newtons_order():
+    """Each step squares the error, so its logarithm doubles, until round-off."""
+    sea = three_waves(0.5)
+    hull = Hull.from_trimesh(load_mesh("bunny_coarse"))
+    poses = waterline_poses(hull, sea, 5)
+    truth = wrenches(Linear(hull, sea), poses)
+    size = [
+        errors(wrenches(Customary(hull, sea, n), poses), truth, Linear(hull, sea)).force_rms
+        for n in range(1, 5)
+    ]
+    orders = np.log(size[1:3]) / np.log(size[:2])
+    assert ((orders > 1.6) & (orders < 2.6)).all(), orders
+    assert size[3] < ROUND_OFF
+
+
+def test_single_precision_leaves_its_own_error():
+    sea = three_waves(0.5)
+    hull = Hull.from_trimesh(load_mesh("bunny_coarse"))
+    poses = waterline_poses(hull, sea, 5)
+    rounded = Customary(hull, sea, 8, np.float32)
+    found = errors(wrenches(rounded, poses), wrenches(Linear(hull, sea), poses), rounded)
+    epsilon = np.finfo(np.float32).eps  # of numbers up to the 20 turns of a phase
+    assert 0.1 * epsilon < found.force_max < 100.0 * epsilon
+
+
+def autoregressive(memory: float, count: int, rng: np.random.Generator) -> np.ndarray:
+    """x[i] = memory x[i-1] + noise: its mean's variance is 1 / (1 - memory)^2 / count."""
+    noise = rng.normal(size=count)
+    series = np.empty(count)
+    series[0] = noise[0] / np.sqrt(1.0 - memory**2)
+    for i in range(1, count):
+        series[i] = memory * series[i - 1] + noise[i]
+    return series
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9, 0.97])
+def test_error_of_a_mean_is_that_of_a_known_process(memory):
+    rng = np.random.default_rng(6)
+    count = 8000
+    means = [mean_of_correlated(autoregressive(memory, count, rng)) for _ in range(60)]
+    expected = 1.0 / (1.0 - memory) / np.sqrt(count)
+    size = np.sqrt(np.mean([m.error**2 for m in means]))
+    assert size == pytest.approx(expected, rel=0.15)  # sampling error of 60 errors of ~30 batches
+    off = np.abs([m.value for m in means]) / [m.error for m in means]
+    assert (off < 3.0).mean() > 0.93
+    assert np.mean([m.settled for m in means]) > 0.8
+    assert np.median([m.batch for m in means]) >= 1.0 / (1.0 - memory)
+
+
+def test_a_mean_that_drifts_is_not_settled():
+    assert not mean_of_correlated(np.linspace(0.0, 1.0, 1000)).settled
+
+
+def test_a_mean_of_too_few_samples_is_refused():
+    with pytest.raises(ValueError, match="15 samples"):
+        mean_of_correlated(np.zeros(15))
+
+
+def test_speed_vs_error_prints_and_writes_its_table(tmp_path):
+    result = script(
+        "--hulls", "cube", "bunny_coarse", "--seas", "three", "--poses", 4, "--seconds", 0.01,
+        "--methods", "linear", "chord:2", "reference:1e-4", "--json", "out.json", cwd=tmp_path,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""  # no progress bar without a terminal
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert (report["poses"], report["seed"]) == (4, 0)
+    assert [(r["hull"], r["method"]) for r in report["rows"]] == [
+        (hull, method)
+        for hull in ("cube", "bunny_coarse")
+        for method in ("linear", "chord:2", "reference:1e-4")
+    ]
+    for row in report["rows"]:
+        assert row["us_min"] <= row["us_median"]
+        assert row["force_rms"] <= row["force_max"]
+        assert f"{row['force_max']:.1e}" in result.stdout
+    linear, _, reference = report["rows"][:3]
+    assert linear["speed_up"] == 1.0
+    assert reference["force_max"] < 1e-4 < linear["force_max"]
+
+
+def test_speed_vs_error_says_that_matplotlib_is_missing(tmp_path):
+    """A stand-in that cannot be found, whether matplotlib is installed or not."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import importlib.util as u\n"
+        "found = u.find_spec\n"
+        "u.find_spec = lambda name, *rest: None if name == 'matplotlib' else found(name, *rest)\n"
+    )
+    paths = [str(tmp_path), str(REPOSITORY), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    result = script("--figure", "out.png", cwd=tmp_path, env=environment)
+    assert result.returncode == 2
+    assert "pip install '.[report]'" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "out.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--methods", "linear", "guess"], "'guess' is no method"),
+        (["--hulls", "teapot"], "invalid choice: 'teapot'"),
+        (["--poses", "1"], "1 is below 2"),
+        (["--quick", "--json", "nowhere/out.json"], "nowhere"),
+    ],
+)
+def test_unusable_input_gives_one_line_and_status_2(arguments, message, tmp_path):
+    result = script(*arguments, cwd=tmp_path)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1

@@ -1,0 +1,184 @@
+"""scripts/compare.py: twins in the same water."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from independent import MODELS, REPOSITORY
+from sim import Scene, SideBySideRecorder, simulate
+
+COMPARE = [sys.executable, str(REPOSITORY / "scripts" / "compare.py")]
+
+
+def compare(*arguments, cwd) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [*COMPARE, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=120
+    )
+
+
+def test_twins_with_the_same_method_stay_identical_to_the_bit():
+    twins = [Scene.load(MODELS / "bunny.xml", "chord:4") for _ in range(2)]
+    for one, other in zip(*(simulate(twin, 2.0) for twin in twins), strict=True):
+        for name in ("positions", "quaternions", "body_wrenches", "elevations"):
+            assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+    assert twins[0].data.qvel.tobytes() == twins[1].data.qvel.tobytes()
+
+
+def test_a_twin_moves_as_it_does_alone():
+    """Interleaved simulations of different methods do not touch each other."""
+    alone = [s.positions for s in simulate(Scene.load(MODELS / "cube.xml", "chord:4"), 1.0)]
+    twins = [Scene.load(MODELS / "cube.xml", method) for method in ("linear", "chord:4")]
+    pairs = list(zip(*(simulate(twin, 1.0) for twin in twins), strict=True))
+    np.testing.assert_array_equal([pair[1].positions for pair in pairs], alone)
+    assert (pairs[-1][0].positions != pairs[-1][1].positions).any()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("compare")
+    result = compare(
+        MODELS / "cube.xml", "--methods", "linear", "chord:4", "linear",
+        "--duration", 6, "--warm-up", 2, "--rate", 20, "--timestep", 0.004,
+        "--json", "out.json", cwd=folder,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    return result, json.loads((folder / "out.json").read_text()), folder
+
+
+def test_summary_has_means_differences_and_times(run):
+    result, summary, _ = run
+    assert list(summary) == [
+        "scene", "timestep", "duration", "starts", "warm_up", "rate", "methods",
+        "buoyancy_us_per_step", "means", "differences", "wall_s", "recording",
+    ]  # fmt: skip
+    labels = ["linear", "chord:4", "linear (2)"]
+    assert summary["methods"] == list(summary["means"]["cube"]) == labels
+    assert all(us > 0.0 for us in summary["buoyancy_us_per_step"].values())
+    identical = summary["differences"]["cube"]["linear (2)"]
+    assert identical["height_m"]["largest"] == identical["tilt_deg"]["largest"] == 0.0
+    assert identical["metres_apart"] == 0.0
+    other = summary["differences"]["cube"]["chord:4"]
+    assert other["height_m"]["largest"] > 0.0
+    means = summary["means"]["cube"]
+    apart = means["chord:4"]["tilt_deg"]["value"] - means["linear"]["tilt_deg"]["value"]
+    assert other["tilt_deg"]["value"] == pytest.approx(apart)
+    assert "cube, linear (2) minus linear" in result.stdout
+    assert "identical" in result.stdout
+    assert result.stderr.count("\r") == 0  # no progress bar without a terminal
+
+
+def test_means_leave_the_warm_up_out(run):
+    *_, summary, _ = run
+    scene = Scene.load(MODELS / "cube.xml", "linear", timestep=0.004)
+    heights = [s.centres[0, 2] for s in simulate(scene, 6.0, 20.0) if s.time > 2.0 - 1e-9]
+    assert summary["means"]["cube"]["linear"]["height_m"]["value"] == pytest.approx(
+        np.mean(heights)
+    )
+
+
+def test_starts_are_runs_at_other_times_of_the_sea(tmp_path):
+    result = compare(
+        MODELS / "cube.xml", "--methods", "linear", "linear", "--starts", 3, "--duration", 3,
+        "--warm-up", 1, "--rate", 20, "--timestep", 0.004, "--no-record", "--json", "out.json",
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((tmp_path / "out.json").read_text())
+    height = summary["means"]["cube"]["linear"]["height_m"]
+    assert (height["batches"], height["batch"]) == (3, 41)
+    means = []
+    for start in (0.0, *np.random.default_rng(0).uniform(0.0, 1e4, 2)):
+        scene = Scene.load(MODELS / "cube.xml", "linear", timestep=0.004)
+        scene.data.time = start
+        heights = [s.centres[0, 2] for s in simulate(scene, 3.0, 20.0)]
+        means.append(np.mean(heights[20:]))
+    assert height["value"] == pytest.approx(np.mean(means))
+    assert height["error"] == pytest.approx(np.std(means, ddof=1) / np.sqrt(3))
+    assert summary["differences"]["cube"]["linear (2)"]["height_m"]["largest"] == 0.0
+
+
+def test_all_twins_are_in_one_recording(run):
+    *_, summary, folder = run
+    assert summary["recording"] == "recordings/cube_twins.rrd"
+    reader = RrdReader(folder / summary["recording"])
+    assert len(reader.recordings()) == len(reader.blueprints()) == 1
+    rows: dict[str, int] = {}
+    for chunk in reader.stream():
+        if not chunk.is_static:
+            rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
+    for label in (r"linear", r"chord\:4", r"linear\ \(2\)"):
+        for entity in ("world/bodies/cube", "world/water", "plots/height/cube", "plots/tilt/cube"):
+            assert rows[f"/{label}/{entity}"] == 121
+
+
+def test_recording_is_readable_when_a_run_fails_half_way(tmp_path):
+    twins = {m: Scene.load(MODELS / "cube.xml", m) for m in ("linear", "chord:4")}
+    with pytest.raises(KeyboardInterrupt):
+        _record_and_fail(tmp_path / "cut.rrd", twins)
+    chunks = RrdReader(tmp_path / "cut.rrd").stream().filter(content="/linear/plots/height/cube")
+    assert sum(chunk.num_rows for chunk in chunks if not chunk.is_static) == 16
+
+
+def _record_and_fail(path, twins) -> None:
+    with SideBySideRecorder(path, twins) as recorder:
+        for samples in zip(*(simulate(twin, 5.0) for twin in twins.values()), strict=True):
+            recorder.log(samples)
+            if samples[0].time > 0.499:
+                raise KeyboardInterrupt
+
+
+def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path):
+    """Negative damping feeds the cube's motion until the numbers overflow."""
+    scene = (MODELS / "cube.xml").read_text()
+    (tmp_path / "wild.xml").write_text(scene.replace('damping="300"', 'damping="-5000"'))
+    result = compare(
+        "wild.xml", "--methods", "linear", "chord:4", "--record", "wild.rrd", "--json", "out.json",
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert result.returncode == 3, result.stderr
+    assert "body 'cube' diverged at" in result.stderr
+    assert json.loads((tmp_path / "out.json").read_text())["differences"] == {}
+    assert len(RrdReader(tmp_path / "wild.rrd").recordings()) == 1
+
+
+def test_ctrl_c_gives_status_130_and_a_readable_recording(tmp_path):
+    process = subprocess.Popen(
+        [*COMPARE, str(MODELS / "cube.xml"), "--methods", "linear", "chord:4",
+         "--duration", "1000", "--record", "cut.rrd"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline, recording = time.monotonic() + 60.0, tmp_path / "cut.rrd"
+    while not (recording.exists() and recording.stat().st_size > 300_000):
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert stderr.strip().endswith("interrupted")
+    assert len(RrdReader(recording).recordings()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["missing.xml", "--methods", "linear"], "there is no scene file missing.xml"),
+        ([MODELS / "cube.xml"], "--methods"),
+        ([MODELS / "cube.xml", "--methods", "guess"], "'guess' is no method"),
+        ([MODELS / "cube.xml", "--methods", "linear", "--duration", "5"], "run longer"),
+        ([MODELS / "cube.xml", "--methods", "linear", "--rate", "0"], "0 is not a finite number"),
+    ],
+)
+def test_unusable_input_gives_one_line_and_status_2(arguments, message, tmp_path):
+    result = compare(*arguments, cwd=tmp_path)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == []
