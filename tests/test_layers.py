@@ -16,7 +16,8 @@ LAYERS = {
     "coupling": {"mjcf", "methods", "sea"},
     "scene": {"coupling"},
     "simulation": {"scene"},
-    "recording": {"simulation", "scene", "hull"},
+    "waterline": {"sea"},
+    "recording": {"simulation", "scene", "coupling", "hull", "waterline", "sea"},
 }
 """What each layer may import from the others."""
 
