@@ -12,6 +12,7 @@ The layers, from the bottom up; imports point only downwards in this list:
     scene        Scene: an MJCF file as something that can be stepped
     simulation   simulate: the stepping loop, yields Samples
     waterline    where sea and hull meet, as curves to be drawn
+    skin         the hulls' surfaces as they are drawn
     recording    Recorder: Samples -> a Rerun recording
 
 Nothing below mjcf knows MuJoCo and nothing but recording knows Rerun.

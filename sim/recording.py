@@ -2,15 +2,23 @@
 
 Entities, all in world axes [m]:
 
-    world/water                     the surface around the bodies
-    world/bodies/<body>             pose of the body frame; below it its hulls
+    world/water                     the surface around the bodies, made of its own particles
+    world/bodies/<body>             pose of the body frame; below it its hulls, wet parts darker
+    world/waterline                 where the surface meets the hulls
     world/forces/buoyancy, weight   arrows at the centres of mass
+    world/trail                     where the centres of mass have just been
+    world/focus                     what the camera looks at and moves with
     plots/<quantity>/<body>         height and water height [m], tilt [deg], submerged
-                                    fraction [-], vertical force [N]
+                                    fraction [-], vertical buoyant force [weights]
+    overview                        scene, sea, hulls and settings; at the end the means
 
 on the timelines `time` (simulated seconds) and `frame`.
 """
 
+import os
+import socket
+import sys
+from collections import deque
 from pathlib import Path
 from types import TracebackType
 
@@ -19,29 +27,59 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from sim.hull import Hull
 from sim.scene import Scene
-from sim.simulation import Sample
+from sim.sea import Sea
+from sim.simulation import Sample, Tally
+from sim.skin import Skin, Skins
+from sim.waterline import heads, waterlines
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 WATER_RESOLUTION = 48
-"""Vertices along a side of the water's grid; a frame takes 12 bytes for each of its square."""
+"""Vertices along a side of the water's grid; a frame takes 16 bytes for each of its square."""
 
 WATER_SIZE_IN_HULLS = 6.0
 """Side of the water's grid in sides of the largest hull, where the bodies are not further apart."""
 
-WATER_COLOUR = (38, 108, 168, 150)
+CAMERA = np.array([-0.28, -0.45, 0.22])
+"""Place of the eye from what it looks at, in default sides of the water: near enough for the
+waterline, far enough for two wavelengths of swell around the body."""
+
+MOST_SHADED_VERTICES = 20_000
+"""Of all hulls together; with more of them the wet part is not told apart by colour, because
+writing the colours anew takes 4 bytes for each vertex and frame."""
+
+MOST_PLOTTED = 6
+"""Bodies in the plots and the overview; the series of the others are in the recording too."""
+
+MOST_WAVES_NAMED = 4
+"""Waves of a sea up to which the overview has each."""
+
+TRAIL_SECONDS = 3.0
+"""How far back the trails go."""
+
+TROUGH_COLOUR, CREST_COLOUR = np.array([12.0, 50.0, 104.0]), np.array([122.0, 196.0, 228.0])
+WATER_OPACITY = 150
+SKY_COLOUR = (168, 190, 210)
+WET_TINT, WET_SHARE = np.array([8.0, 40.0, 90.0]), 0.55
+"""A wet surface has this share of the colour WET_TINT."""
+
+WATER_SERIES_COLOUR = np.array([90.0, 150.0, 200.0])
+WATERLINE_COLOUR = (255, 255, 255)
 BUOYANCY_COLOUR = (80, 200, 120)
 WEIGHT_COLOUR = (220, 80, 60)
 
 PLOTS = {
-    "height": "Height of the centre of mass and of the water above it [m]",
+    "height": "Height of the centre of mass and of the water there [m]",
     "tilt": "Tilt [deg]",
+    "force": "Vertical buoyant force [weights]",
     "submerged": "Submerged fraction of the volume",
-    "force": "Vertical buoyant force [N]",
 }
 """Time series views, in order: the first part of the entity path and the title."""
+
+PLOT_SHARES = (1.0, 1.0, 1.0, 1.4)
+"""Heights of the three plots and the overview below them."""
 
 SERIES = {
     "height": "plots/height/{}",
@@ -52,30 +90,51 @@ SERIES = {
 }
 """Entity path of every quantity of a body."""
 
+VIEWER_PORT = 9876
+"""Where a Rerun viewer listens."""
+
 
 class Recorder:
-    """Writes samples of one scene to an .rrd file; a context manager.
+    """Writes samples of one scene to an .rrd file, shows them in a viewer, or both; a context
+    manager.
 
         with Recorder("run.rrd", scene) as recorder:
             for sample in simulate(scene, 10.0):
                 recorder.log(sample)
 
+    path: of the file, or None for none; rate: frames a simulated second [Hz] at most, None for
+    one a sample; water_size [m]: side of the water's square; water_resolution: vertices along
+    that side; view: open a viewer, or use the one that is open, and show the run as it goes.
+
     The file is readable whenever the block is left, by an exception too. Missing folders are
-    made. Raises OSError when the file cannot be written.
+    made. Raises OSError when the file cannot be written or no viewer can be opened, ValueError
+    for numbers that cannot be.
     """
 
-    def __init__(self, path: str | Path, scene: Scene) -> None:
-        self.path = Path(path)
+    def __init__(
+        self,
+        path: str | Path | None,
+        scene: Scene,
+        rate: float | None = None,
+        water_size: float | None = None,
+        water_resolution: int = WATER_RESOLUTION,
+        view: bool = False,
+    ) -> None:
+        _check_numbers(rate, water_size, water_resolution)
+        self.path = None if path is None else Path(path)
         self.scene = scene
+        self._period = 0.0 if rate is None else 1.0 / rate
         self._frame = 0
         self._waiting: list[Sample] = []
-        self._side, self._steps = _water_grid(scene)
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.path.open("wb").close()  # tells plainly what Rerun would report from a thread
-        self._stream = rr.RecordingStream("waterline")
-        self._stream.set_log_time_enabled(False)
-        self._stream.set_log_tick_enabled(False)
-        self._stream.save(self.path, default_blueprint=_blueprint(scene, self._side))
+        self._tally = Tally(scene)
+        self._skins = Skins(scene.buoyancy)
+        self._largest_skins = self._skins.of_bodies()
+        self._shaded = self._skins.vertex_count <= MOST_SHADED_VERTICES
+        side = _default_water_size(scene)
+        self._steps = 0.5 * (water_size or side) * np.linspace(-1.0, 1.0, water_resolution)
+        self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
+        self._trail: deque[Sample] = deque()
+        self._stream = _open_stream(self.path, view, _blueprint(scene, side))
         self._stream.send_recording_name(scene.name)
         self._log_static()
 
@@ -91,13 +150,17 @@ class Recorder:
         self.close()
 
     def close(self) -> None:
-        """Write what is waiting and close the file."""
+        """Write what is waiting and the means over the run, and close the file."""
         self._send_series()
+        self._log_overview()
         self._stream.flush()
         self._stream.disconnect()
 
     def log(self, sample: Sample) -> None:
-        """Add one sample as the next frame."""
+        """Add one sample as the next frame, unless it comes before one is due."""
+        self._tally.add(sample)
+        if sample.time < self._frame * self._period - 1e-9:
+            return
         stream = self._stream
         stream.set_time("time", duration=sample.time)
         stream.set_time("frame", sequence=self._frame)
@@ -108,11 +171,12 @@ class Recorder:
                 f"world/bodies/{_part(name)}",
                 rr.Transform3D(translation=position, quaternion=np.roll(quaternion, -1)),
             )
-        stream.log(
-            "world/water",
-            rr.Mesh3D.from_fields(vertex_positions=self._water_vertices(sample)),
-        )
+        focus = [*sample.centres[:, :2].mean(axis=0), self.scene.buoyancy.sea.level]
+        stream.log("world/focus", rr.Transform3D(translation=focus))
+        self._log_water(sample)
+        self._log_hulls(sample)
         self._log_forces(sample)
+        self._log_trail(sample)
         self._frame += 1
         self._waiting.append(sample)
         if sample.time - self._waiting[0].time >= 1.0:
@@ -121,62 +185,111 @@ class Recorder:
 
     def _log_static(self) -> None:
         stream, scene = self._stream, self.scene
-        model, buoyancy = scene.model, scene.buoyancy
+        buoyancy = scene.buoyancy
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for f in buoyancy.floats:
-            body = model.body(f.body)
-            hull = f.method.hull
-            entity = f"world/bodies/{_part(body.name or f'body {f.body}')}/{_part(f.name)}"
+        for skin in self._skins:
+            body = scene.model.body(skin.body)
+            albedo = np.array([255.0, 255.0, 255.0, skin.rgba[3]]) if self._shaded else skin.rgba
             stream.log(
-                entity,
+                self._entity(skin),
                 rr.Transform3D(translation=body.ipos, quaternion=np.roll(body.iquat, -1)),
                 rr.Mesh3D(
-                    vertex_positions=hull.vertices,
-                    triangle_indices=hull.faces,
-                    vertex_normals=vertex_normals(hull),
-                    albedo_factor=np.round(255 * model.geom(f.name).rgba).astype(np.uint8),
+                    vertex_positions=skin.corners,
+                    triangle_indices=skin.corner_faces,
+                    vertex_normals=skin.corner_normals,
+                    albedo_factor=np.round(albedo).astype(np.uint8),
                 ),
                 static=True,
             )
         stream.log(
             "world/water",
             rr.Mesh3D.from_fields(
-                triangle_indices=_grid_faces(WATER_RESOLUTION), albedo_factor=WATER_COLOUR
+                triangle_indices=_grid_faces(len(self._steps)),
+                albedo_factor=(255, 255, 255, WATER_OPACITY),
             ),
             static=True,
         )
         for quantity, path in SERIES.items():
-            for name in buoyancy.body_names:
-                label = f"water at {name}" if quantity == "water_height" else name
-                stream.log(path.format(_part(name)), rr.SeriesLines(names=label), static=True)
+            for name, skin in zip(buoyancy.body_names, self._largest_skins, strict=True):
+                colour, label, width = skin.rgba[:3], name, 2.0
+                if quantity == "water_height":
+                    colour, label, width = WATER_SERIES_COLOUR, f"water at {name}", 1.0
+                line = rr.SeriesLines(names=label, colors=[_rounded(colour)], widths=[width])
+                stream.log(path.format(_part(name)), line, static=True)
+        self._log_overview()
 
-    def _water_vertices(self, sample: Sample) -> Array:
-        """(N, 3) points of the very surface that pushes, on a grid that follows the bodies by
-        whole cells, so that it does not swim under the eye."""
+    def _entity(self, skin: Skin) -> str:
+        buoyancy = self.scene.buoyancy
+        body = buoyancy.body_names[buoyancy.bodies.tolist().index(skin.body)]
+        return f"world/bodies/{_part(body)}/{_part(skin.name)}"
+
+    def _log_overview(self) -> None:
+        text = overview(self.scene, self._tally)
+        document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+        self._stream.log("overview", document, static=True)
+
+    def _log_water(self, sample: Sample) -> None:
+        """The particles of a grid of labels, which travel to and fro as the water does. The grid
+        follows the bodies by whole cells, so that it does not swim under the eye."""
+        sea = self.scene.buoyancy.sea
         cell = self._steps[1] - self._steps[0]
         middle = np.round(sample.centres[:, :2].mean(axis=0) / cell) * cell
-        x, y = np.meshgrid(middle[0] + self._steps, middle[1] + self._steps, indexing="ij")
-        z = self.scene.buoyancy.sea.elevation(x, y, sample.time)
-        return np.stack([x, y, z], axis=-1).reshape(-1, 3)
+        labels = np.stack(np.meshgrid(*(middle[:, None] + self._steps), indexing="ij"), axis=-1)
+        particles = sea.particles(labels.reshape(-1, 2), sample.time)
+        highest = max(min(sea.amplitude, 0.5 * sea.significant_height), 1e-9)
+        share = np.clip(0.5 + 0.5 * (particles[:, 2:] - sea.level) / highest, 0.0, 1.0)
+        colours = TROUGH_COLOUR + share * (CREST_COLOUR - TROUGH_COLOUR)
+        water = rr.Mesh3D.from_fields(
+            vertex_positions=particles.astype(np.float32), vertex_colors=_packed(colours)
+        )
+        self._stream.log("world/water", water)
+
+    def _log_hulls(self, sample: Sample) -> None:
+        """The waterline, and the wet part of each hull darker than the dry one."""
+        sea, skins = self.scene.buoyancy.sea, self._skins
+        points = skins.placed(sample)
+        depths = heads(sea, points, sample.time)
+        curves = waterlines(sea, sample.time, points, skins.faces, depths)
+        lines = rr.LineStrips3D(
+            [c.astype(np.float32) for c in curves],
+            colors=[WATERLINE_COLOUR],
+            radii=0.009 * min(skin.size for skin in skins),
+        )
+        self._stream.log("world/waterline", lines)
+        for skin in skins if self._shaded else ():
+            wet = np.clip(0.5 + depths[skin.vertices] / (0.5 * skin.edge), 0.0, 1.0)[:, None]
+            colours = _packed(skin.rgba[:3] + WET_SHARE * wet * (WET_TINT - skin.rgba[:3]))
+            shade = rr.Mesh3D.from_fields(vertex_colors=colours[skin.corner_vertices])
+            self._stream.log(self._entity(skin), shade)
 
     def _log_forces(self, sample: Sample) -> None:
-        """Arrows for buoyancy and weight: a body's weight is as long as a tenth of the water."""
-        model, bodies = self.scene.model, self.scene.buoyancy.bodies
-        weights = model.body_mass[bodies] * -model.opt.gravity[2]
-        metres_per_newton = (0.1 * self._side / weights)[:, None]
-        down = np.outer(weights, [0.0, 0.0, -1.0])
+        """Arrows at the centres of mass: a body's weight has 0.7 of its largest hull's size."""
+        sizes = np.array([skin.size for skin in self._largest_skins])
+        metres_per_newton = (0.7 * sizes / self._weights)[:, None]
         forces = {
             "buoyancy": (sample.body_wrenches[:, :3], BUOYANCY_COLOUR),
-            "weight": (down, WEIGHT_COLOUR),
+            "weight": (np.outer(self._weights, [0.0, 0.0, -1.0]), WEIGHT_COLOUR),
         }
         for name, (vectors, colour) in forces.items():
             arrows = rr.Arrows3D(
                 vectors=metres_per_newton * vectors,
                 origins=sample.centres,
                 colors=[colour],
-                radii=0.004 * self._side,
+                radii=0.015 * sizes,
             )
             self._stream.log(f"world/forces/{name}", arrows)
+
+    def _log_trail(self, sample: Sample) -> None:
+        self._trail.append(sample)
+        while sample.time - self._trail[0].time > TRAIL_SECONDS:
+            self._trail.popleft()
+        centres = np.stack([s.centres for s in self._trail], axis=1)
+        trail = rr.LineStrips3D(
+            centres.astype(np.float32),
+            colors=[_rounded(skin.rgba[:3]) for skin in self._largest_skins],
+            radii=[0.006 * skin.size for skin in self._largest_skins],
+        )
+        self._stream.log("world/trail", trail)
 
     def _send_series(self) -> None:
         """Send the time series in batches: one call a series costs as much as one a frame."""
@@ -193,7 +306,7 @@ class Recorder:
             "water_height": [s.elevations for s in samples],
             "tilt_deg": [np.degrees(s.tilts) for s in samples],
             "submerged_fraction": [s.submerged_fractions for s in samples],
-            "vertical_force": [s.body_wrenches[:, 2] for s in samples],
+            "vertical_force": [s.body_wrenches[:, 2] / self._weights for s in samples],
         }
         for quantity, path in SERIES.items():
             for i, name in enumerate(self.scene.buoyancy.body_names):
@@ -205,12 +318,56 @@ class Recorder:
                 )
 
 
-def vertex_normals(hull: Hull) -> Array:
-    """Outward unit normals (V, 3) at the vertices: means of the faces around, by their area."""
-    normals = np.zeros_like(hull.vertices)
-    for corner in range(3):
-        np.add.at(normals, hull.faces[:, corner], hull.area_vectors)
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+def _check_numbers(rate: float | None, water_size: float | None, water_resolution: int) -> None:
+    for name, value in (("recording rate", rate), ("size of the water", water_size)):
+        if value is not None and not (np.isfinite(value) and value > 0.0):
+            raise ValueError(f"the {name} is {value}; it must be finite and above 0")
+    if water_resolution < 2:
+        raise ValueError(
+            f"the water's resolution is {water_resolution} vertices along a side; it must be 2 or "
+            "more"
+        )
+
+
+def _open_stream(path: Path | None, view: bool, blueprint: rrb.Blueprint) -> rr.RecordingStream:
+    """A stream into a file, a viewer, or both."""
+    stream = rr.RecordingStream("waterline")
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    sinks = []
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("wb").close()  # tells plainly what Rerun would report from a thread
+        sinks.append(rr.FileSink(path))
+    if view:
+        _open_viewer()
+        sinks.append(rr.GrpcSink(f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"))
+    stream.set_sinks(*sinks, default_blueprint=blueprint)
+    return stream
+
+
+def _open_viewer() -> None:
+    """Start a viewer unless one is listening. Raises OSError where it would have no screen."""
+    with socket.socket() as probe:
+        if probe.connect_ex(("127.0.0.1", VIEWER_PORT)) == 0:
+            return
+    screens = ("DISPLAY", "WAYLAND_DISPLAY")
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in screens):
+        raise OSError(
+            "there is no screen for the viewer (neither DISPLAY nor WAYLAND_DISPLAY is set); "
+            f"start one elsewhere that listens on port {VIEWER_PORT} here, or look at a recording"
+        )
+    rr.spawn(port=VIEWER_PORT, connect=False, hide_welcome_screen=True)
+
+
+def _rounded(colour: Array) -> NDArray[np.uint8]:
+    return np.round(colour).astype(np.uint8)
+
+
+def _packed(colours: Array) -> NDArray[np.uint32]:
+    """Opaque colours (N, 3) in 0 ... 255 as Rerun keeps them, 0xRRGGBBAA."""
+    r, g, b = _rounded(colours).astype(np.uint32).T
+    return (r << 24) | (g << 16) | (b << 8) | 255
 
 
 def _part(name: str) -> str:
@@ -218,16 +375,15 @@ def _part(name: str) -> str:
     return rr.escape_entity_path_part(name)
 
 
-def _water_grid(scene: Scene) -> tuple[float, Array]:
-    """Side [m] of the water's grid and the grid lines (N,) along it, from its middle."""
+def _default_water_size(scene: Scene) -> float:
+    """Side [m] of the water's square that shows all bodies and the sea around them."""
     buoyancy = scene.buoyancy
     largest = max(np.ptp(f.method.hull.bounds, axis=0).max() for f in buoyancy.floats)
     spread = np.ptp(scene.data.xipos[buoyancy.bodies, :2], axis=0).max()
-    side = float(spread + WATER_SIZE_IN_HULLS * largest)
-    return side, np.linspace(-0.5 * side, 0.5 * side, WATER_RESOLUTION)
+    return float(spread + WATER_SIZE_IN_HULLS * largest)
 
 
-def _grid_faces(resolution: int) -> NDArray[np.int64]:
+def _grid_faces(resolution: int) -> Indices:
     """Two triangles for each cell of a square grid of vertices, facing up."""
     corner = np.arange(resolution * resolution).reshape(resolution, resolution)
     a, b = corner[:-1, :-1].ravel(), corner[1:, :-1].ravel()
@@ -235,21 +391,76 @@ def _grid_faces(resolution: int) -> NDArray[np.int64]:
     return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
 
-def _blueprint(scene: Scene, side: float) -> rrb.Blueprint:
-    centre = scene.data.xipos[scene.buoyancy.bodies].mean(axis=0)
-    centre[2] = scene.buoyancy.sea.level
-    eye = rrb.EyeControls3D(
-        position=centre + side * np.array([-0.35, -0.55, 0.25]),
-        look_target=centre,
-        eye_up=(0.0, 0.0, 1.0),
-    )
-    plots = [
-        rrb.TimeSeriesView(origin=f"plots/{entity}", name=title) for entity, title in PLOTS.items()
+def overview(scene: Scene, tally: Tally) -> str:
+    """Scene, sea, hulls and settings as Markdown; with samples in the tally, the means too."""
+    floats, timestep = scene.buoyancy.floats, scene.model.opt.timestep
+    lines = [
+        f"**{scene.name}**, timestep {1e3 * timestep:g} ms, {sea_in_words(scene.buoyancy.sea)}"
     ]
+    for f in floats[:MOST_PLOTTED]:
+        hull, method = f.method.hull, type(f.method).__name__.lower()
+        lines.append(f"- {f.name}: {len(hull.faces):,} faces, {hull.volume:.4g} m³, {method}")
+    if len(floats) > MOST_PLOTTED:
+        lines.append(f"- and {len(floats) - MOST_PLOTTED} more")
+    if tally.last is None:
+        return "\n".join(lines)
+    lines += ["", "| mean of | height m | tilt ° | submerged | force/weight |", "|--|--|--|--|--|"]
+    for name, means in list(tally.bodies().items())[:MOST_PLOTTED]:
+        lines.append(
+            f"| {name} | {means['mean_height']:.3f} | {means['mean_tilt_deg']:.1f} | "
+            f"{means['mean_submerged_fraction']:.3f} | {means['mean_force_over_weight']:.3f} |"
+        )
+    step, spent = tally.last.step, tally.last.step_seconds
+    lines += [
+        "",
+        f"{step:,} steps to {tally.last.time:.2f} s, {1e6 * spent / max(step, 1):.0f} µs each",
+    ]
+    return "\n".join(lines)
+
+
+def sea_in_words(sea: Sea) -> str:
+    """One line on a sea: each wave, or their significant height where they are many."""
+    if not sea.waves:
+        return "still water"
+    if len(sea.waves) > MOST_WAVES_NAMED:
+        lengths = [wave.wavelength for wave in sea.waves]
+        return (
+            f"{len(sea.waves)} waves of {min(lengths):.3g} to {max(lengths):.3g} m, significant "
+            f"height {sea.significant_height:.3g} m, steepness {sea.steepness:.2f}"
+        )
+    waves = [f"{w.amplitude:.3g} x {w.wavelength:.3g} m" for w in sea.waves]
+    return f"waves (amplitude x length) {', '.join(waves)}, steepness {sea.steepness:.2f}"
+
+
+def _blueprint(scene: Scene, side: float) -> rrb.Blueprint:
+    eye = rrb.EyeControls3D(
+        position=side * CAMERA, look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
+    )
+    picture = rrb.Spatial3DView(
+        origin="world/focus",
+        contents="/world/**",
+        name=f"{scene.name}: waterline white, buoyancy green, weight red",
+        eye_controls=eye,
+        line_grid=False,
+        background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=SKY_COLOUR),
+    )
+    names = [_part(name) for name in scene.buoyancy.body_names[:MOST_PLOTTED]]
+    height, tilt, *forces = (
+        rrb.TimeSeriesView(
+            origin=f"plots/{entity}",
+            contents=[f"$origin/{name}/**" for name in names],
+            name=title,
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=entity == "tilt"),
+        )
+        for entity, title in PLOTS.items()
+    )
+    text = rrb.TextDocumentView(origin="overview", name="Overview")
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Spatial3DView(origin="world", name=scene.name, eye_controls=eye),
-            rrb.Vertical(*plots),
+            picture,
+            rrb.Vertical(
+                height, tilt, rrb.Tabs(*forces, active_tab=0), text, row_shares=PLOT_SHARES
+            ),
             column_shares=[2, 1],
         ),
         rrb.TimePanel(timeline="time", state="collapsed"),

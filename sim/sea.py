@@ -150,6 +150,11 @@ class Sea:
         return float(sum(wave.amplitude for wave in self.waves))
 
     @property
+    def significant_height(self) -> float:
+        """4 sqrt(m0) [m] with m0 = sum a^2 / 2, the variance of the elevation to first order."""
+        return float(4.0 * np.sqrt(sum(0.5 * wave.amplitude**2 for wave in self.waves)))
+
+    @property
     def curvature_bound(self) -> float:
         """Bound [1/m] on the elevation's second derivatives, everywhere and in any direction.
 

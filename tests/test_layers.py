@@ -17,7 +17,8 @@ LAYERS = {
     "scene": {"coupling"},
     "simulation": {"scene"},
     "waterline": {"sea"},
-    "recording": {"simulation", "scene", "coupling", "hull", "waterline", "sea"},
+    "skin": {"simulation", "coupling", "hull", "waterline"},
+    "recording": {"simulation", "scene", "skin", "waterline", "sea"},
 }
 """What each layer may import from the others."""
 
