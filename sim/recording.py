@@ -61,11 +61,14 @@ TRAIL_SECONDS = 3.0
 
 TROUGH_COLOUR, CREST_COLOUR = np.array([12.0, 50.0, 104.0]), np.array([122.0, 196.0, 228.0])
 WATER_OPACITY = 150
-SKY_COLOUR = (168, 190, 210)
+SKY_COLOUR = (40, 56, 72)
 WET_TINT, WET_SHARE = np.array([8.0, 40.0, 90.0]), 0.55
 """A wet surface has this share of the colour WET_TINT."""
 
 WATER_SERIES_COLOUR = np.array([90.0, 150.0, 200.0])
+ARROW_IN_HULLS = 0.7
+"""Length of the weight's arrow in diagonals of the body's largest hull."""
+
 WATERLINE_COLOUR = (255, 255, 255)
 BUOYANCY_COLOUR = (80, 200, 120)
 WEIGHT_COLOUR = (220, 80, 60)
@@ -184,39 +187,59 @@ class Recorder:
             stream.flush()
 
     def _log_static(self) -> None:
-        stream, scene = self._stream, self.scene
-        buoyancy = scene.buoyancy
-        stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        """All that stays as it is over the run."""
+        self._stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._log_static_surfaces()
+        self._log_static_lines()
+        self._log_overview()
+
+    def _log_static_surfaces(self) -> None:
         for skin in self._skins:
-            body = scene.model.body(skin.body)
+            body = self.scene.model.body(skin.body)
             albedo = np.array([255.0, 255.0, 255.0, skin.rgba[3]]) if self._shaded else skin.rgba
-            stream.log(
+            self._stream.log(
                 self._entity(skin),
                 rr.Transform3D(translation=body.ipos, quaternion=np.roll(body.iquat, -1)),
                 rr.Mesh3D(
                     vertex_positions=skin.corners,
                     triangle_indices=skin.corner_faces,
                     vertex_normals=skin.corner_normals,
-                    albedo_factor=np.round(albedo).astype(np.uint8),
+                    albedo_factor=_rounded(albedo),
                 ),
                 static=True,
             )
-        stream.log(
-            "world/water",
-            rr.Mesh3D.from_fields(
-                triangle_indices=_grid_faces(len(self._steps)),
-                albedo_factor=(255, 255, 255, WATER_OPACITY),
-            ),
-            static=True,
+        water = rr.Mesh3D.from_fields(
+            triangle_indices=_grid_faces(len(self._steps)),
+            albedo_factor=(255, 255, 255, WATER_OPACITY),
         )
+        self._stream.log("world/water", water, static=True)
+
+    def _log_static_lines(self) -> None:
+        """Colours and widths of all lines; a body's weight is as long as ARROW_IN_HULLS says."""
+        stream, skins = self._stream, self._largest_skins
+        sizes = np.array([skin.size for skin in skins])
+        self._metres_per_newton = (ARROW_IN_HULLS * sizes / self._weights)[:, None]
+        weight = self._weights[:, None] * [0.0, 0.0, -1.0]
+        for name, colour in (("buoyancy", BUOYANCY_COLOUR), ("weight", WEIGHT_COLOUR)):
+            arrows = rr.Arrows3D.from_fields(colors=[colour], radii=0.015 * sizes)
+            stream.log(f"world/forces/{name}", arrows, static=True)
+        weight = rr.Arrows3D.from_fields(vectors=self._metres_per_newton * weight)
+        stream.log("world/forces/weight", weight, static=True)
+        waterline = rr.LineStrips3D.from_fields(
+            colors=[WATERLINE_COLOUR], radii=0.009 * min(skin.size for skin in self._skins)
+        )
+        stream.log("world/waterline", waterline, static=True)
+        trail = rr.LineStrips3D.from_fields(
+            colors=[_rounded(skin.rgba[:3]) for skin in skins], radii=0.006 * sizes
+        )
+        stream.log("world/trail", trail, static=True)
         for quantity, path in SERIES.items():
-            for name, skin in zip(buoyancy.body_names, self._largest_skins, strict=True):
+            for name, skin in zip(self.scene.buoyancy.body_names, skins, strict=True):
                 colour, label, width = skin.rgba[:3], name, 2.0
                 if quantity == "water_height":
                     colour, label, width = WATER_SERIES_COLOUR, f"water at {name}", 1.0
                 line = rr.SeriesLines(names=label, colors=[_rounded(colour)], widths=[width])
                 stream.log(path.format(_part(name)), line, static=True)
-        self._log_overview()
 
     def _entity(self, skin: Skin) -> str:
         buoyancy = self.scene.buoyancy
@@ -250,11 +273,7 @@ class Recorder:
         points = skins.placed(sample)
         depths = heads(sea, points, sample.time)
         curves = waterlines(sea, sample.time, points, skins.faces, depths)
-        lines = rr.LineStrips3D(
-            [c.astype(np.float32) for c in curves],
-            colors=[WATERLINE_COLOUR],
-            radii=0.009 * min(skin.size for skin in skins),
-        )
+        lines = rr.LineStrips3D.from_fields(strips=[c.astype(np.float32) for c in curves])
         self._stream.log("world/waterline", lines)
         for skin in skins if self._shaded else ():
             wet = np.clip(0.5 + depths[skin.vertices] / (0.5 * skin.edge), 0.0, 1.0)[:, None]
@@ -263,33 +282,19 @@ class Recorder:
             self._stream.log(self._entity(skin), shade)
 
     def _log_forces(self, sample: Sample) -> None:
-        """Arrows at the centres of mass: a body's weight has 0.7 of its largest hull's size."""
-        sizes = np.array([skin.size for skin in self._largest_skins])
-        metres_per_newton = (0.7 * sizes / self._weights)[:, None]
-        forces = {
-            "buoyancy": (sample.body_wrenches[:, :3], BUOYANCY_COLOUR),
-            "weight": (np.outer(self._weights, [0.0, 0.0, -1.0]), WEIGHT_COLOUR),
-        }
-        for name, (vectors, colour) in forces.items():
-            arrows = rr.Arrows3D(
-                vectors=metres_per_newton * vectors,
-                origins=sample.centres,
-                colors=[colour],
-                radii=0.015 * sizes,
-            )
-            self._stream.log(f"world/forces/{name}", arrows)
+        """Arrows at the centres of mass; the weight's vectors never change."""
+        origins = sample.centres.astype(np.float32)
+        vectors = (self._metres_per_newton * sample.body_wrenches[:, :3]).astype(np.float32)
+        buoyancy = rr.Arrows3D.from_fields(vectors=vectors, origins=origins)
+        self._stream.log("world/forces/buoyancy", buoyancy)
+        self._stream.log("world/forces/weight", rr.Arrows3D.from_fields(origins=origins))
 
     def _log_trail(self, sample: Sample) -> None:
         self._trail.append(sample)
         while sample.time - self._trail[0].time > TRAIL_SECONDS:
             self._trail.popleft()
-        centres = np.stack([s.centres for s in self._trail], axis=1)
-        trail = rr.LineStrips3D(
-            centres.astype(np.float32),
-            colors=[_rounded(skin.rgba[:3]) for skin in self._largest_skins],
-            radii=[0.006 * skin.size for skin in self._largest_skins],
-        )
-        self._stream.log("world/trail", trail)
+        centres = np.stack([s.centres for s in self._trail], axis=1).astype(np.float32)
+        self._stream.log("world/trail", rr.LineStrips3D.from_fields(strips=centres))
 
     def _send_series(self) -> None:
         """Send the time series in batches: one call a series costs as much as one a frame."""

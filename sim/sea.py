@@ -232,12 +232,14 @@ class Sea:
 def _per_time(solve, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> tuple[Array, ...]:
     """Broadcast x, y and time, call solve(x, y, t) with flat x, y once for every distinct
     time (the kernels keep the time out of their inner loops) and put the results in shape."""
+    is_one_time = np.size(time) == 1
     x, y, time = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (x, y, time)))
-    times, which = np.unique(time, return_inverse=True)
-    x, y, which = np.ravel(x), np.ravel(y), np.ravel(which)
-    if times.size == 1:
-        results = solve(x, y, float(times[0]))
+    x, y = np.ravel(x), np.ravel(y)
+    if is_one_time:
+        results = solve(x, y, float(time.flat[0]) if time.size else 0.0)
     else:
+        times, which = np.unique(time, return_inverse=True)
+        which = np.ravel(which)
         parts = [which == t for t in range(times.size)]
         solved = [solve(x[part], y[part], float(t)) for part, t in zip(parts, times, strict=True)]
         results = tuple(np.empty((x.size, *r.shape[1:])) for r in solve(x[:0], y[:0], 0.0))

@@ -21,9 +21,9 @@ Indices = NDArray[np.int64]
 EDGES_IN_A_HULL = 12
 """Edges along a drawn hull's longest side, at least: so finely its waterline bends."""
 
-SHARP_EDGE = float(np.cos(np.radians(40.0)))
+SHARP_EDGE = float(np.cos(np.radians(30.0)))
 """Cosine of the angle between a face's normal and the mean one at its corner beyond which the
-corner is drawn sharp. At a box's edge it is 45 degrees."""
+corner is drawn sharp. A box has 45 degrees at its edges and 35 or more at its corners."""
 
 
 @dataclass(frozen=True, eq=False)
