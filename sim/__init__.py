@@ -3,6 +3,7 @@
 The layers, from the bottom up; imports point only downwards in this list:
 
     gerstner     kernels: sums of Gerstner waves and their inverse
+    spectrum     the JONSWAP spectrum of irregular seas
     sea          Wave, Sea: elevation, its derivatives, the water's velocity
     hull         Hull: a closed, outward triangle surface, checked once
     triangle     kernels: hydrostatic wrench of a triangle, the straight clip

@@ -22,12 +22,17 @@ from sim.gerstner import (
     solve_heights,
     solve_surface,
 )
+from sim.spectrum import WIDEST_SPREAD, equal_energy_frequencies, equal_share_angles
 
 Array = NDArray[np.float64]
 
 ELEVATION_ERROR = 1e-13
 """Error [m] that the solver leaves in an elevation, apart from the round-off of the position. It
 sets the residual at which a point counts as solved (`Sea.residual_tolerance`)."""
+
+
+DEFAULT_SPREAD = np.radians(25.0)
+"""Standard deviation [rad] of the headings of a wind sea: 10 as the exponent in cos^2q."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,48 @@ class Sea:
         components.setflags(write=False)
         object.__setattr__(self, "components", components)
         object.__setattr__(self, "residual_tolerance", self._residual_tolerance())
+
+    @classmethod
+    def jonswap(
+        cls,
+        significant_height: float,
+        peak_period: float,
+        gamma: float = 3.3,
+        heading: float = 0.0,
+        spread: float = DEFAULT_SPREAD,
+        waves: int = 40,
+        seed: int = 0,
+        density: float = 1025.0,
+        gravity: float = 9.81,
+        level: float = 0.0,
+    ) -> "Sea":
+        """An irregular sea with the JONSWAP spectrum (see `spectrum`).
+
+        significant_height [m], 4 sqrt(m0); peak_period [s]; gamma: peak enhancement, 1 for a
+        fully developed sea; heading [rad]: the mean one; spread [rad]: standard deviation of the
+        headings, 0 for long crests; waves: how many, all of the same amplitude, each for one of
+        as many bands of equal energy; seed: of their phases and of which wave goes where.
+        Raises ValueError for numbers that cannot be and for waves that fold.
+        """
+        _check_jonswap(significant_height, peak_period, gamma, heading, spread, waves, seed)
+        rng = np.random.default_rng(int(seed))
+        count = int(waves)
+        frequencies = equal_energy_frequencies(peak_period, gamma, count)
+        headings = heading + rng.permutation(equal_share_angles(spread, count))
+        phases = rng.uniform(0.0, 2.0 * np.pi, count)
+        amplitude = significant_height * np.sqrt(1.0 / (8.0 * count))
+        lengths = 2.0 * np.pi * gravity / frequencies**2
+        steepness = float((2.0 * np.pi / lengths).sum() * amplitude)
+        if steepness >= 1.0:
+            raise ValueError(
+                f"the waves of this JONSWAP sea fold: the sum of k a over {count} waves is "
+                f"{steepness:.3f} and must stay below 1; lower the significant height below "
+                f"{significant_height / steepness:.3g} m, raise the peak period above "
+                f"{peak_period * np.sqrt(steepness):.3g} s, or take some "
+                f"{max(1, int(0.9 * count / steepness**2))} waves"
+            )
+        components = zip(lengths, headings, phases, strict=True)
+        return cls([Wave(amplitude, *numbers) for numbers in components], density, gravity, level)
 
     def _component(self, wave: Wave) -> tuple[float, ...]:
         direction_x, direction_y = np.cos(wave.heading), np.sin(wave.heading)
@@ -227,6 +274,26 @@ class Sea:
             return heights + self.level, labels, jets
 
         return _per_time(solve, x, y, time)
+
+
+def _check_jonswap(
+    height: float, period: float, gamma: float, heading: float, spread: float, waves: int, seed: int
+) -> None:
+    for name, value, unit in (("significant height", height, "m"), ("peak period", period, "s")):
+        if not (np.isfinite(value) and value > 0.0):
+            raise ValueError(f"the {name} is {value} {unit}; it must be finite and above 0")
+    if not (np.isfinite(gamma) and gamma >= 1.0):
+        raise ValueError(f"gamma is {gamma}; it must be finite and 1 or more (3.3 is usual)")
+    if not np.isfinite(heading):
+        raise ValueError(f"the heading is {heading}; it must be a finite number")
+    if not 0.0 <= spread < WIDEST_SPREAD:
+        raise ValueError(
+            f"the spread of the headings is {np.degrees(spread):g} degrees; it must be 0 or more "
+            f"and below {np.degrees(WIDEST_SPREAD):.0f}"
+        )
+    for name, value, least in (("number of waves", waves, 1), ("seed", seed, 0)):
+        if not (np.isfinite(value) and value == int(value) and value >= least):
+            raise ValueError(f"the {name} is {value:g}; it must be a whole number from {least} on")
 
 
 def _per_time(solve, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> tuple[Array, ...]:

@@ -8,7 +8,8 @@ from independent import REPOSITORY
 
 LAYERS = {
     "gerstner": set(),
-    "sea": {"gerstner"},
+    "spectrum": set(),
+    "sea": {"gerstner", "spectrum"},
     "hull": set(),
     "triangle": {"gerstner"},
     "methods": {"gerstner", "sea", "hull", "triangle"},
