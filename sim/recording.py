@@ -39,19 +39,23 @@ Indices = NDArray[np.int64]
 WATER_RESOLUTION = 48
 """Vertices along a side of the water's grid; a frame takes 16 bytes for each of its square."""
 
-WATER_SIZE_IN_HULLS = 6.0
-"""Side of the water's grid in sides of the largest hull, where the bodies are not further apart."""
+WATER_IN_HULLS, WATER_IN_SPREADS = 6.0, 2.4
+"""Side of the water's square: so many sides of the largest hull and as many times the distance that
+the bodies are apart."""
 
-CAMERA = np.array([-0.28, -0.45, 0.22])
-"""Place of the eye from what it looks at, in default sides of the water: near enough for the
-waterline, far enough for two wavelengths of swell around the body."""
+EYE_IN_HULLS, EYE_IN_SPREADS = 2.6, 1.1
+"""Distance of the eye from what it looks at, likewise: near enough for the waterline, far enough to
+have all bodies and a wave or two around them."""
+
+EYE_DIRECTION = np.array([-0.49, -0.78, 0.39])
 
 MOST_SHADED_VERTICES = 20_000
 """Of all hulls together; with more of them the wet part is not told apart by colour, because
 writing the colours anew takes 4 bytes for each vertex and frame."""
 
 MOST_PLOTTED = 6
-"""Bodies in the plots and the overview; the series of the others are in the recording too."""
+"""Bodies in the plots and the overview, the first ones; the series of the others are in the
+recording too. Nor do the trails of more bodies tell anything."""
 
 MOST_WAVES_NAMED = 4
 """Waves of a sea up to which the overview has each."""
@@ -74,10 +78,10 @@ BUOYANCY_COLOUR = (80, 200, 120)
 WEIGHT_COLOUR = (220, 80, 60)
 
 PLOTS = {
-    "height": "Height of the centre of mass and of the water there [m]",
+    "height": "Height of body and water [m]",
     "tilt": "Tilt [deg]",
-    "force": "Vertical buoyant force [weights]",
-    "submerged": "Submerged fraction of the volume",
+    "force": "Buoyant force [weights]",
+    "submerged": "Submerged [of the volume]",
 }
 """Time series views, in order: the first part of the entity path and the title."""
 
@@ -133,11 +137,11 @@ class Recorder:
         self._skins = Skins(scene.buoyancy)
         self._largest_skins = self._skins.of_bodies()
         self._shaded = self._skins.vertex_count <= MOST_SHADED_VERTICES
-        side = _default_water_size(scene)
-        self._steps = 0.5 * (water_size or side) * np.linspace(-1.0, 1.0, water_resolution)
+        side = water_size or _extent(scene, WATER_IN_HULLS, WATER_IN_SPREADS)
+        self._steps = 0.5 * side * np.linspace(-1.0, 1.0, water_resolution)
         self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
         self._trail: deque[Sample] = deque()
-        self._stream = _open_stream(self.path, view, _blueprint(scene, side))
+        self._stream = _open_stream(self.path, view, _blueprint(scene))
         self._stream.send_recording_name(scene.name)
         self._log_static()
 
@@ -230,7 +234,8 @@ class Recorder:
         )
         stream.log("world/waterline", waterline, static=True)
         trail = rr.LineStrips3D.from_fields(
-            colors=[_rounded(skin.rgba[:3]) for skin in skins], radii=0.006 * sizes
+            colors=[_rounded(skin.rgba[:3]) for skin in skins[:MOST_PLOTTED]],
+            radii=0.006 * sizes[:MOST_PLOTTED],
         )
         stream.log("world/trail", trail, static=True)
         for quantity, path in SERIES.items():
@@ -293,8 +298,10 @@ class Recorder:
         self._trail.append(sample)
         while sample.time - self._trail[0].time > TRAIL_SECONDS:
             self._trail.popleft()
-        centres = np.stack([s.centres for s in self._trail], axis=1).astype(np.float32)
-        self._stream.log("world/trail", rr.LineStrips3D.from_fields(strips=centres))
+        centres = np.stack([s.centres[:MOST_PLOTTED] for s in self._trail], axis=1)
+        self._stream.log(
+            "world/trail", rr.LineStrips3D.from_fields(strips=centres.astype(np.float32))
+        )
 
     def _send_series(self) -> None:
         """Send the time series in batches: one call a series costs as much as one a frame."""
@@ -380,12 +387,12 @@ def _part(name: str) -> str:
     return rr.escape_entity_path_part(name)
 
 
-def _default_water_size(scene: Scene) -> float:
-    """Side [m] of the water's square that shows all bodies and the sea around them."""
+def _extent(scene: Scene, in_hulls: float, in_spreads: float) -> float:
+    """A length [m] that goes with the largest hull and with how far the bodies are apart."""
     buoyancy = scene.buoyancy
     largest = max(np.ptp(f.method.hull.bounds, axis=0).max() for f in buoyancy.floats)
     spread = np.ptp(scene.data.xipos[buoyancy.bodies, :2], axis=0).max()
-    return float(spread + WATER_SIZE_IN_HULLS * largest)
+    return float(in_hulls * largest + in_spreads * spread)
 
 
 def _grid_faces(resolution: int) -> Indices:
@@ -437,9 +444,10 @@ def sea_in_words(sea: Sea) -> str:
     return f"waves (amplitude x length) {', '.join(waves)}, steepness {sea.steepness:.2f}"
 
 
-def _blueprint(scene: Scene, side: float) -> rrb.Blueprint:
+def _blueprint(scene: Scene) -> rrb.Blueprint:
+    distance = _extent(scene, EYE_IN_HULLS, EYE_IN_SPREADS)
     eye = rrb.EyeControls3D(
-        position=side * CAMERA, look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
+        position=distance * EYE_DIRECTION, look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
     )
     picture = rrb.Spatial3DView(
         origin="world/focus",
