@@ -70,7 +70,7 @@ WET_TINT, WET_SHARE = np.array([8.0, 40.0, 90.0]), 0.55
 """A wet surface has this share of the colour WET_TINT."""
 
 WATER_SERIES_COLOUR = np.array([90.0, 150.0, 200.0])
-ARROW_IN_HULLS = 0.7
+ARROW_IN_HULLS = 0.45
 """Length of the weight's arrow in diagonals of the body's largest hull."""
 
 WATERLINE_COLOUR = (255, 255, 255)
@@ -85,7 +85,7 @@ PLOTS = {
 }
 """Time series views, in order: the first part of the entity path and the title."""
 
-PLOT_SHARES = (1.0, 1.0, 1.0, 1.4)
+PLOT_SHARES = (1.0, 1.0, 1.0, 1.55)
 """Heights of the three plots and the overview below them."""
 
 SERIES = {
@@ -225,7 +225,7 @@ class Recorder:
         self._metres_per_newton = (ARROW_IN_HULLS * sizes / self._weights)[:, None]
         weight = self._weights[:, None] * [0.0, 0.0, -1.0]
         for name, colour in (("buoyancy", BUOYANCY_COLOUR), ("weight", WEIGHT_COLOUR)):
-            arrows = rr.Arrows3D.from_fields(colors=[colour], radii=0.015 * sizes)
+            arrows = rr.Arrows3D.from_fields(colors=[colour], radii=0.014 * sizes)
             stream.log(f"world/forces/{name}", arrows, static=True)
         weight = rr.Arrows3D.from_fields(vectors=self._metres_per_newton * weight)
         stream.log("world/forces/weight", weight, static=True)
