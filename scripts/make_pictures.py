@@ -19,12 +19,12 @@ from sim import Recorder, Scene, simulate
 MODELS = Path(__file__).resolve().parents[1] / "models"
 
 TIMES = {
-    "bunny": 4.25,
+    "bunny": 4.75,
     "trio": 4.6,
     "cube": 2.0,
     "dragon": 3.0,
     "wigley": 4.0,
-    "topheavy": 1.3,
+    "topheavy": 0.85,
     "spar": 5.0,
     "articulated": 4.2,
     "spheres": 2.5,
@@ -35,7 +35,7 @@ LOOKING_ON = 1.0
 """Seconds recorded after that, so that the plots go on."""
 
 WINDOW = (1600, 900)
-LARGE, SMALL = (1200, 675), (800, 450)
+LARGE, SMALL = (1000, 562), (720, 405)
 """Sizes [pixels] of the window, of the README's pictures and of the others."""
 
 IN_README = ("bunny", "trio")

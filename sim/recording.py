@@ -43,7 +43,7 @@ WATER_IN_HULLS, WATER_IN_SPREADS = 6.0, 2.4
 """Side of the water's square: so many sides of the largest hull and as many times the distance that
 the bodies are apart."""
 
-EYE_IN_HULLS, EYE_IN_SPREADS = 2.6, 1.1
+EYE_IN_HULLS, EYE_IN_SPREADS = 2.6, 0.9
 """Distance of the eye from what it looks at, likewise: near enough for the waterline, far enough to
 have all bodies and a wave or two around them."""
 
@@ -64,13 +64,13 @@ TRAIL_SECONDS = 3.0
 """How far back the trails go."""
 
 TROUGH_COLOUR, CREST_COLOUR = np.array([12.0, 50.0, 104.0]), np.array([122.0, 196.0, 228.0])
-WATER_OPACITY = 150
+WATER_OPACITY = 125
 SKY_COLOUR = (40, 56, 72)
-WET_TINT, WET_SHARE = np.array([8.0, 40.0, 90.0]), 0.55
+WET_TINT, WET_SHARE = np.array([20.0, 70.0, 130.0]), 0.4
 """A wet surface has this share of the colour WET_TINT."""
 
 WATER_SERIES_COLOUR = np.array([90.0, 150.0, 200.0])
-ARROW_IN_HULLS = 0.45
+ARROW_IN_HULLS = 0.55
 """Length of the weight's arrow in diagonals of the body's largest hull."""
 
 WATERLINE_COLOUR = (255, 255, 255)

@@ -118,8 +118,8 @@ def shaded_corners(vertices: Array, faces: Indices) -> tuple[Indices, Indices, A
     """Corners of a surface for drawing: the vertex of each (N,), faces (F, 3) of corners and
     outward unit normals (N, 3).
 
-    A vertex has one corner, with the mean normal of its faces by their area, and one more for
-    each face that is too steep to it (SHARP_EDGE), with that face's own.
+    A vertex has one corner, with the mean normal of its faces by their area; but one for each of
+    its faces, with that face's own, if any of them is too steep to the mean (SHARP_EDGE).
     """
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     area_vectors = np.cross(b - a, c - a)
@@ -127,7 +127,8 @@ def shaded_corners(vertices: Array, faces: Indices) -> tuple[Indices, Indices, A
     for corner in range(3):
         np.add.at(smooth, faces[:, corner], area_vectors)
     smooth, flat = _unit(smooth)[faces], np.repeat(_unit(area_vectors)[:, None], 3, axis=1)
-    is_sharp = np.einsum("fci,fci->fc", smooth, flat) < SHARP_EDGE
+    too_steep = faces[np.einsum("fci,fci->fc", smooth, flat) < SHARP_EDGE]
+    is_sharp = np.isin(faces, too_steep)
     owner = np.where(is_sharp, np.arange(len(faces))[:, None], -1)
     keys = np.column_stack([faces.ravel(), owner.ravel()])
     corners, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
