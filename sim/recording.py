@@ -347,13 +347,13 @@ def _open_stream(path: Path | None, view: bool, blueprint: rrb.Blueprint) -> rr.
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
     sinks = []
+    if view:
+        _open_viewer()
+        sinks.append(rr.GrpcSink(f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"))
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("wb").close()  # tells plainly what Rerun would report from a thread
         sinks.append(rr.FileSink(path))
-    if view:
-        _open_viewer()
-        sinks.append(rr.GrpcSink(f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"))
     stream.set_sinks(*sinks, default_blueprint=blueprint)
     return stream
 

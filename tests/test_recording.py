@@ -1,5 +1,7 @@
 """Recordings, read back and held against the samples."""
 
+import socket
+
 import numpy as np
 import pytest
 import trimesh
@@ -215,6 +217,18 @@ def test_frames_come_at_the_recording_rate_and_the_water_has_its_size(tmp_path):
 def test_numbers_that_cannot_be_are_refused(numbers, message, tmp_path):
     with pytest.raises(ValueError, match=message):
         Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"), **numbers)
+    assert not list(tmp_path.iterdir())
+
+
+def test_viewing_without_a_screen_says_so_and_leaves_nothing(tmp_path, monkeypatch):
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        monkeypatch.setattr("sim.recording.VIEWER_PORT", probe.getsockname()[1])
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(OSError, match="there is no screen for the viewer"):
+        Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"), view=True)
     assert not list(tmp_path.iterdir())
 
 
