@@ -262,8 +262,8 @@ class Recorder:
         sea = self.scene.buoyancy.sea
         cell = self._steps[1] - self._steps[0]
         middle = np.round(sample.centres[:, :2].mean(axis=0) / cell) * cell
-        labels = np.stack(np.meshgrid(*(middle[:, None] + self._steps), indexing="ij"), axis=-1)
-        particles = sea.particles(labels.reshape(-1, 2), sample.time)
+        labels = middle[:, None] + self._steps
+        particles = sea.particle_grid(*labels, sample.time).reshape(-1, 3)
         highest = max(min(sea.amplitude, 0.5 * sea.significant_height), 1e-9)
         share = np.clip(0.5 + 0.5 * (particles[:, 2:] - sea.level) / highest, 0.0, 1.0)
         colours = TROUGH_COLOUR + share * (CREST_COLOUR - TROUGH_COLOUR)

@@ -266,6 +266,24 @@ class Sea:
         z = self.level + np.sin(theta) @ amplitude
         return np.concatenate([x, z[..., None]], axis=-1)
 
+    def particle_grid(self, x: ArrayLike, y: ArrayLike, time: float) -> Array:
+        """Positions (I, J, 3) [m] of the particles with labels (x_i, y_j), x: (I,) and y: (J,) [m].
+
+        `particles` on a grid, at the price of its sides: exp(i theta) is a product of one
+        factor for each x and one for each y, and summing over the waves a product of matrices.
+        """
+        columns = self.components.T
+        along_x = np.exp(2j * np.pi * np.outer(x, columns[TURNS_X]))
+        turns = np.outer(y, columns[TURNS_Y]) + columns[TURNS] - columns[FREQUENCY] * time
+        along_y = columns[AMPLITUDE] * np.exp(2j * np.pi * turns)
+        positions = np.empty((len(along_x), len(along_y), 3))
+        for axis, direction in enumerate((DIRECTION_X, DIRECTION_Y)):
+            positions[..., axis] = ((along_x * columns[direction]) @ along_y.T).real
+        positions[..., 0] += np.reshape(x, (-1, 1))
+        positions[..., 1] += y
+        positions[..., 2] = self.level + (along_x @ along_y.T).imag
+        return positions
+
     def _solve(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> tuple[Array, Array, Array]:
         def solve(x: Array, y: Array, time: float) -> tuple[Array, Array, Array]:
             heights, labels, jets = np.empty(x.size), np.empty((x.size, 2)), np.empty((x.size, 8))

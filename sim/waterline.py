@@ -44,9 +44,9 @@ def waterlines(
     depths: (V,), their `heads`. A point lies on an edge to round-off and on the sea's surface to
     WATERLINE_ERROR.
     """
-    corner_is_wet = (depths > 0.0)[faces]
-    is_cut = corner_is_wet.any(axis=1) & ~corner_is_wet.all(axis=1)
-    cut, wet = faces[is_cut], corner_is_wet[is_cut]
+    a, b, c = np.take(depths > 0.0, faces.T)
+    cut = faces[(a != b) | (b != c)]
+    wet = depths[cut] > 0.0
     # Around a triangle the water begins on one edge and ends on another; the neighbour across an
     # edge runs along it the other way, so where a curve leaves one triangle it enters the next.
     rows, following = np.arange(len(cut)), np.roll(wet, -1, axis=1)
