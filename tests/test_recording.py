@@ -11,6 +11,7 @@ from independent import MODELS, ROUND_OFF
 from sim import Recorder, Scene, Sea, Tally, Wave, simulate
 from sim.recording import sea_in_words
 from sim.skin import rotation_matrix, shaded_corners
+from sim.waterline import WATERLINE_ERROR
 
 FLOAT32 = 1e-6
 """Relative error of positions: Rerun keeps them in single precision."""
@@ -133,7 +134,7 @@ def test_waterline_is_on_the_sea_and_on_the_drawn_hulls(run):
         for strip in strips:
             x, y, z = strip.astype(float).T
             heights = scene.buoyancy.sea.elevation(x, y, sample.time)
-            np.testing.assert_allclose(z, heights, atol=10 * FLOAT32)
+            np.testing.assert_allclose(z, heights, atol=WATERLINE_ERROR + 10 * FLOAT32)
             np.testing.assert_array_equal(strip[0], strip[-1])
             from_cube = strip - sample.positions[b]
             if np.linalg.norm(from_cube, axis=1).max() < 1.0:  # the others are 2 m away
