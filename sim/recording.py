@@ -55,7 +55,7 @@ writing the colours anew takes 4 bytes for each vertex and frame."""
 
 MOST_PLOTTED = 6
 """Bodies in the plots and the overview, the first ones; the series of the others are in the
-recording too. Nor do the trails of more bodies tell anything."""
+recording too. With more bodies than these there are no trails: they would be a thicket."""
 
 MOST_WAVES_NAMED = 4
 """Waves of a sea up to which the overview has each."""
@@ -74,8 +74,7 @@ ARROW_IN_HULLS = 0.55
 """Length of the weight's arrow in diagonals of the body's largest hull."""
 
 WATERLINE_COLOUR = (255, 255, 255)
-BUOYANCY_COLOUR = (80, 200, 120)
-WEIGHT_COLOUR = (220, 80, 60)
+FORCE_COLOURS = {"buoyancy": (80, 200, 120), "weight": (220, 80, 60)}
 
 PLOTS = {
     "height": "Height of body and water [m]",
@@ -183,7 +182,8 @@ class Recorder:
         self._log_water(sample)
         self._log_hulls(sample)
         self._log_forces(sample)
-        self._log_trail(sample)
+        if len(sample.centres) <= MOST_PLOTTED:
+            self._log_trail(sample)
         self._frame += 1
         self._waiting.append(sample)
         if sample.time - self._waiting[0].time >= 1.0:
@@ -224,7 +224,7 @@ class Recorder:
         sizes = np.array([skin.size for skin in skins])
         self._metres_per_newton = (ARROW_IN_HULLS * sizes / self._weights)[:, None]
         weight = self._weights[:, None] * [0.0, 0.0, -1.0]
-        for name, colour in (("buoyancy", BUOYANCY_COLOUR), ("weight", WEIGHT_COLOUR)):
+        for name, colour in FORCE_COLOURS.items():
             arrows = rr.Arrows3D.from_fields(colors=[colour], radii=0.014 * sizes)
             stream.log(f"world/forces/{name}", arrows, static=True)
         weight = rr.Arrows3D.from_fields(vectors=self._metres_per_newton * weight)
@@ -234,8 +234,8 @@ class Recorder:
         )
         stream.log("world/waterline", waterline, static=True)
         trail = rr.LineStrips3D.from_fields(
-            colors=[_rounded(skin.rgba[:3]) for skin in skins[:MOST_PLOTTED]],
-            radii=0.006 * sizes[:MOST_PLOTTED],
+            colors=[_rounded(skin.rgba[:3]) for skin in skins],
+            radii=0.006 * sizes,
         )
         stream.log("world/trail", trail, static=True)
         for quantity, path in SERIES.items():
@@ -289,16 +289,18 @@ class Recorder:
     def _log_forces(self, sample: Sample) -> None:
         """Arrows at the centres of mass; the weight's vectors never change."""
         origins = sample.centres.astype(np.float32)
-        vectors = (self._metres_per_newton * sample.body_wrenches[:, :3]).astype(np.float32)
-        buoyancy = rr.Arrows3D.from_fields(vectors=vectors, origins=origins)
-        self._stream.log("world/forces/buoyancy", buoyancy)
+        wrenches = {"buoyancy": sample.body_wrenches}
+        for name, wrench in wrenches.items():
+            vectors = (self._metres_per_newton * wrench[:, :3]).astype(np.float32)
+            arrows = rr.Arrows3D.from_fields(vectors=vectors, origins=origins)
+            self._stream.log(f"world/forces/{name}", arrows)
         self._stream.log("world/forces/weight", rr.Arrows3D.from_fields(origins=origins))
 
     def _log_trail(self, sample: Sample) -> None:
         self._trail.append(sample)
         while sample.time - self._trail[0].time > TRAIL_SECONDS:
             self._trail.popleft()
-        centres = np.stack([s.centres[:MOST_PLOTTED] for s in self._trail], axis=1)
+        centres = np.stack([s.centres for s in self._trail], axis=1)
         self._stream.log(
             "world/trail", rr.LineStrips3D.from_fields(strips=centres.astype(np.float32))
         )

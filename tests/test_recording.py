@@ -221,6 +221,33 @@ def test_numbers_that_cannot_be_are_refused(numbers, message, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_many_bodies_cost_no_shading_and_only_the_first_are_plotted(tmp_path, monkeypatch):
+    from scenes import CUBE, model
+
+    monkeypatch.setattr("sim.recording.MOST_SHADED_VERTICES", 100)
+    names = tuple(f"cube{i}" for i in range(8))
+    bodies = "".join(
+        CUBE.replace('"cube"', f'"{name}"').replace("0 0 0", f"{2 * i} 0 0")
+        for i, name in enumerate(names)
+    )
+    scene, path = Scene.from_model(model(bodies, names)), tmp_path / "many.rrd"
+    with Recorder(path, scene) as recorder:
+        for sample in simulate(scene, 0.1):
+            recorder.log(sample)
+    _, colours = read(path, "world/bodies/cube0/cube0", "Mesh3D:vertex_colors")
+    assert colours == []
+    _, (albedo,) = read(path, "world/bodies/cube0/cube0", "Mesh3D:albedo_factor")
+    assert albedo.item() == 0x808080FF  # MuJoCo's own grey
+    _, waterline = read(path, "world/waterline", "LineStrips3D:strips", arrays)
+    assert len(waterline[0]) == 8
+    _, trails = read(path, "world/trail", "LineStrips3D:strips", arrays)
+    assert trails == []
+    _, (text, _) = read(path, "overview", "TextDocument:text")
+    assert "and 2 more" in str(text)
+    times, _ = read(path, "plots/height/cube7", "Scalars:scalars")
+    assert len(times[np.isfinite(times)]) == 4
+
+
 def test_viewing_without_a_screen_says_so_and_leaves_nothing(tmp_path, monkeypatch):
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
