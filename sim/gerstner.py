@@ -42,10 +42,17 @@ CHUNK = 256
 # Columns of the components of a sea, one row a wave (see Sea.components).
 TURNS_X, TURNS_Y, TURNS, FREQUENCY, AMPLITUDE, WAVENUMBER, DIRECTION_X, DIRECTION_Y = range(8)
 
-# Rows of the scratch of one chunk: the wave sums at the labels, the labels, the residual squared.
+# Rows of the scratch of one chunk: the wave sums at the labels, the labels, the residual squared,
+# and the sums that only curvature needs.
 OFFSET_X, OFFSET_Y, HEIGHT, SLOPE_X, SLOPE_Y, STRAIN_XX, STRAIN_XY, STRAIN_YY = range(8)
 LABEL_X, LABEL_Y, RESIDUAL = range(8, 11)
-SCRATCH_ROWS = 11
+BEND_XX, BEND_XY, BEND_YY, TWIST_XXX, TWIST_XXY, TWIST_XYY, TWIST_YYY = range(11, 18)
+SCRATCH_ROWS = 18
+
+# Rows of a jet: the surface's height above the level, its first and second derivatives at a point,
+# and the label of the particle there.
+JET_HEIGHT, JET_X, JET_Y, JET_XX, JET_XY, JET_YY, JET_LABEL_X, JET_LABEL_Y = range(8)
+JET_ROWS = 8
 
 # sin(2 pi u) = u * sum SINE[i] u^2i and cos(2 pi u) = sum COSINE[i] u^2i on |u| <= 1/4, fitted
 # in Chebyshev nodes with 60 digits; the fit's own error is below 4e-18.
@@ -218,49 +225,89 @@ def solve_heights(x, y, components, time, tolerance, heights):
 
 
 @kernel
-def surface_jet(label_x, label_y, components, time, jet):
-    """Gradient (2), Hessian xx, xy, yy (3) and water velocity (3) of the surface into jet: (8,) at
-    a particle's label. With G the gradient,
-
-        G = J^-1 sum d k a cos(theta)
-        H = J^-1 [ - sum d d^T k^2 a (sin(theta) - (G . d) cos(theta)) ] J^-1
-    """
-    scratch = np.empty((SCRATCH_ROWS, 1))
-    scratch[LABEL_X, 0], scratch[LABEL_Y, 0] = label_x, label_y
-    wave_sums(1, components, time, scratch)
-    gx, gy = newton_step(0, scratch[SLOPE_X, 0], scratch[SLOPE_Y, 0], scratch)
-    bxx, bxy, byy = 0.0, 0.0, 0.0
-    jet[:] = 0.0
+def curvature_sums(count, components, time, scratch):
+    """Sum over the waves at the first `count` labels: BEND, d d^T k^2 a sin(theta), and TWIST,
+    d d d k^2 a cos(theta)."""
+    scratch[BEND_XX : TWIST_YYY + 1, :count] = 0.0
     for w in range(components.shape[0]):
         wave = components[w]
-        a, k = wave[AMPLITUDE], wave[WAVENUMBER]
-        dx, dy = wave[DIRECTION_X], wave[DIRECTION_Y]
         turns = wave[TURNS] - wave[FREQUENCY] * time
-        s, c = sine_cosine(wave[TURNS_X] * label_x + wave[TURNS_Y] * label_y + turns)
-        bend = -k * k * a * (s - (gx * dx + gy * dy) * c)
-        bxx, bxy, byy = bxx + dx * dx * bend, bxy + dx * dy * bend, byy + dy * dy * bend
-        speed = 2.0 * np.pi * wave[FREQUENCY] * a
-        jet[5] += dx * speed * s
-        jet[6] += dy * speed * s
-        jet[7] -= speed * c
-    # J^-1 B J^-1, a column and then a row at a time
-    px, py = newton_step(0, bxx, bxy, scratch)
-    qx, qy = newton_step(0, bxy, byy, scratch)
-    jet[0], jet[1] = gx, gy
-    jet[2], jet[3] = newton_step(0, px, qx, scratch)
-    jet[4] = newton_step(0, py, qy, scratch)[1]
+        dx, dy = wave[DIRECTION_X], wave[DIRECTION_Y]
+        kka = wave[WAVENUMBER] * wave[WAVENUMBER] * wave[AMPLITUDE]
+        for i in range(count):
+            s, c = sine_cosine(
+                wave[TURNS_X] * scratch[LABEL_X, i] + wave[TURNS_Y] * scratch[LABEL_Y, i] + turns
+            )
+            scratch[BEND_XX, i] += dx * dx * kka * s
+            scratch[BEND_XY, i] += dx * dy * kka * s
+            scratch[BEND_YY, i] += dy * dy * kka * s
+            scratch[TWIST_XXX, i] += dx * dx * dx * kka * c
+            scratch[TWIST_XXY, i] += dx * dx * dy * kka * c
+            scratch[TWIST_XYY, i] += dx * dy * dy * kka * c
+            scratch[TWIST_YYY, i] += dy * dy * dy * kka * c
 
 
 @kernel
-def solve_surface(x, y, components, time, tolerance, heights, labels, jets):
-    """Heights (N,), labels (N, 2) and jets (N, 8) at the points x, y: (N,) from one solve."""
-    scratch = np.empty((SCRATCH_ROWS, CHUNK))
+def jets_from_sums(x, y, scratch):
+    """Turn both sums at labels close by into the surface's jets at x, y, in place: the height
+    stays in its row, the gradient G takes the SLOPE rows, the Hessian H the BEND rows,
+
+        G = J^-1 sum d k a cos(theta)
+        H = J^-1 [ - sum d d^T k^2 a (sin(theta) - (G . d) cos(theta)) ] J^-1.
+
+    They hold at the particle; from there the jet itself carries on to the point, so that what is
+    left of the residual r enters the height in third order, the gradient in second.
+    (Three loops with few rows each: the compiler vectorises those.)
+    """
+    for i in range(x.size):
+        gx, gy = newton_step(i, scratch[SLOPE_X, i], scratch[SLOPE_Y, i], scratch)
+        scratch[BEND_XX, i] = (
+            gx * scratch[TWIST_XXX, i] + gy * scratch[TWIST_XXY, i] - scratch[BEND_XX, i]
+        )
+        scratch[BEND_XY, i] = (
+            gx * scratch[TWIST_XXY, i] + gy * scratch[TWIST_XYY, i] - scratch[BEND_XY, i]
+        )
+        scratch[BEND_YY, i] = (
+            gx * scratch[TWIST_XYY, i] + gy * scratch[TWIST_YYY, i] - scratch[BEND_YY, i]
+        )
+        scratch[SLOPE_X, i], scratch[SLOPE_Y, i] = gx, gy
+    for i in range(x.size):
+        px, py = newton_step(i, scratch[BEND_XX, i], scratch[BEND_XY, i], scratch)
+        qx, qy = newton_step(i, scratch[BEND_XY, i], scratch[BEND_YY, i], scratch)
+        scratch[BEND_XX, i], scratch[BEND_XY, i] = newton_step(i, px, qx, scratch)
+        scratch[BEND_YY, i] = newton_step(i, py, qy, scratch)[1]
+    for i in range(x.size):
+        rx = x[i] - scratch[LABEL_X, i] - scratch[OFFSET_X, i]
+        ry = y[i] - scratch[LABEL_Y, i] - scratch[OFFSET_Y, i]
+        step_x, step_y = newton_step(i, rx, ry, scratch)
+        scratch[LABEL_X, i] += step_x
+        scratch[LABEL_Y, i] += step_y
+        turn_x = scratch[BEND_XX, i] * rx + scratch[BEND_XY, i] * ry
+        turn_y = scratch[BEND_XY, i] * rx + scratch[BEND_YY, i] * ry
+        rise_x = (scratch[SLOPE_X, i] + 0.5 * turn_x) * rx
+        rise_y = (scratch[SLOPE_Y, i] + 0.5 * turn_y) * ry
+        scratch[HEIGHT, i] += rise_x + rise_y
+        scratch[SLOPE_X, i] += turn_x
+        scratch[SLOPE_Y, i] += turn_y
+
+
+@kernel
+def solve_jets(x, y, components, time, tolerance, jets):
+    """Jets (JET_ROWS, N) of the surface at the points x, y: (N,), from one solve.
+
+    The labels are solved until their residual was below the tolerance [m] and one step further.
+    """
+    heights, scratch = np.empty(CHUNK), np.empty((SCRATCH_ROWS, CHUNK))
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
-        scratch[LABEL_X, : end - start] = x[start:end]
-        scratch[LABEL_Y, : end - start] = y[start:end]
-        chunk = slice(start, end)
-        solve_chunk(x[chunk], y[chunk], components, time, tolerance, heights[chunk], scratch)
-        for i in range(end - start):
-            labels[start + i, 0], labels[start + i, 1] = scratch[LABEL_X, i], scratch[LABEL_Y, i]
-            surface_jet(scratch[LABEL_X, i], scratch[LABEL_Y, i], components, time, jets[start + i])
+        count = end - start
+        px, py = x[start:end], y[start:end]
+        scratch[LABEL_X, :count] = px
+        scratch[LABEL_Y, :count] = py
+        solve_chunk(px, py, components, time, tolerance, heights[:count], scratch)
+        wave_sums(count, components, time, scratch)
+        curvature_sums(count, components, time, scratch)
+        jets_from_sums(px, py, scratch)
+        jets[JET_HEIGHT : JET_Y + 1, start:end] = scratch[HEIGHT : SLOPE_Y + 1, :count]
+        jets[JET_XX : JET_YY + 1, start:end] = scratch[BEND_XX : BEND_YY + 1, :count]
+        jets[JET_LABEL_X : JET_LABEL_Y + 1, start:end] = scratch[LABEL_X : LABEL_Y + 1, :count]

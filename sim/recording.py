@@ -130,6 +130,7 @@ class Recorder:
         self.path = None if path is None else Path(path)
         self.scene = scene
         self._period = 0.0 if rate is None else 1.0 / rate
+        self._due: float | None = None
         self._frame = 0
         self._waiting: list[Sample] = []
         self._tally = Tally(scene)
@@ -165,8 +166,11 @@ class Recorder:
     def log(self, sample: Sample) -> None:
         """Add one sample as the next frame, unless it comes before one is due."""
         self._tally.add(sample)
-        if sample.time < self._frame * self._period - 1e-9:
+        if self._due is None:
+            self._due = sample.time
+        if sample.time < self._due - 1e-9:
             return
+        self._due += self._period
         stream = self._stream
         stream.set_time("time", duration=sample.time)
         stream.set_time("frame", sequence=self._frame)

@@ -4,7 +4,7 @@ The formulas and the solver are in `gerstner`; here are the public classes, thei
 checks and their units.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -16,11 +16,18 @@ from sim.gerstner import (
     DIRECTION_X,
     DIRECTION_Y,
     FREQUENCY,
+    JET_HEIGHT,
+    JET_LABEL_X,
+    JET_ROWS,
+    JET_X,
+    JET_XX,
+    JET_XY,
+    JET_YY,
     TURNS,
     TURNS_X,
     TURNS_Y,
     solve_heights,
-    solve_surface,
+    solve_jets,
 )
 from sim.spectrum import WIDEST_SPREAD, equal_energy_frequencies, equal_share_angles
 
@@ -89,6 +96,9 @@ class Sea:
     waves: any number, none for flat water; density [kg/m^3]; gravity [m/s^2], downwards.
     Positions are world coordinates [m], times [s]; x, y and time broadcast. Immutable.
     Raises ValueError for waves that fold (sum of k a at 1 or above) and unusable numbers.
+
+    steepness: sum of k a over the waves, the surface is a graph below 1; amplitude [m]: sum of
+    the amplitudes, no crest rises and no trough falls further from the level.
     """
 
     waves: tuple[Wave, ...] = ()
@@ -96,6 +106,8 @@ class Sea:
     gravity: float = 9.81
     level: float = 0.0
     components: Array = field(init=False, repr=False, compare=False)
+    steepness: float = field(init=False, repr=False, compare=False)
+    amplitude: float = field(init=False, repr=False, compare=False)
     residual_tolerance: float = field(init=False, repr=False, compare=False)
 
     def __init__(
@@ -113,6 +125,8 @@ class Sea:
         values = {"waves": tuple(waves), "density": density, "gravity": gravity, "level": level}
         for name, value in values.items():
             object.__setattr__(self, name, value if name == "waves" else float(value))
+        object.__setattr__(self, "steepness", float(sum(w.steepness for w in self.waves)))
+        object.__setattr__(self, "amplitude", float(sum(w.amplitude for w in self.waves)))
         if self.steepness >= 1.0:
             raise ValueError(
                 f"the waves fold: the sum of k a over {len(self.waves)} waves is "
@@ -187,16 +201,6 @@ class Sea:
         return float(np.sqrt(2.0 * ELEVATION_ERROR / curvature)) if curvature > 0.0 else np.inf
 
     @property
-    def steepness(self) -> float:
-        """Sum of k a over the waves; the surface is a graph below 1."""
-        return float(sum(wave.steepness for wave in self.waves))
-
-    @property
-    def amplitude(self) -> float:
-        """Sum of the amplitudes [m]: no crest rises and no trough falls further from the level."""
-        return float(sum(wave.amplitude for wave in self.waves))
-
-    @property
     def significant_height(self) -> float:
         """4 sqrt(m0) [m] with m0 = sum a^2 / 2, the variance of the elevation to first order."""
         return float(4.0 * np.sqrt(sum(0.5 * wave.amplitude**2 for wave in self.waves)))
@@ -205,7 +209,7 @@ class Sea:
     def curvature_bound(self) -> float:
         """Bound [1/m] on the elevation's second derivatives, everywhere and in any direction.
 
-        In the formula of H (see `gerstner.surface_jet`) each factor J^-1 is at most
+        In the formula of H (see `gerstner.jets_from_sums`) each factor J^-1 is at most
         1 / (1 - sum k a) and the sum, as |G| <= sum k a / (1 - sum k a), at most
         sum k^2 a / (1 - sum k a).
         """
@@ -219,18 +223,28 @@ class Sea:
         position itself; NaN where an input is not finite.
         """
 
-        def solve(x: Array, y: Array, time: float) -> tuple[Array]:
+        def solve(x: Array, y: Array, time: float) -> Array:
             heights = np.empty(x.size)
             solve_heights(x, y, self.components, time, self.residual_tolerance, heights)
-            return (heights + self.level,)
+            return heights + self.level
 
-        return _per_time(solve, x, y, time)[0]
+        return _per_time(solve, x, y, time)
 
     def surface(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Surface:
         """Elevation, gradient, Hessian and the water's velocity, all from one solve."""
-        heights, _, jets = self._solve(x, y, time)
-        hessian = jets[..., [2, 3, 3, 4]].reshape((*heights.shape, 2, 2))
-        return Surface(heights, jets[..., 0:2], hessian, jets[..., 5:8])
+        jets = self._jets(x, y, time)
+        hessian = jets[..., [JET_XX, JET_XY, JET_XY, JET_YY]].reshape((*jets.shape[:-1], 2, 2))
+        theta = self._angles(jets[..., JET_LABEL_X:], np.asarray(time, dtype=float))
+        speed = 2.0 * np.pi * self.components[:, FREQUENCY] * self.components[:, AMPLITUDE]
+        directions = self.components[:, [DIRECTION_X, DIRECTION_Y]]
+        across = (speed * np.sin(theta)) @ directions
+        up = -np.cos(theta) @ speed
+        return Surface(
+            jets[..., JET_HEIGHT] + self.level,
+            jets[..., JET_X:JET_XX],
+            hessian,
+            np.concatenate([across, up[..., None]], axis=-1),
+        )
 
     def gradient(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
         """Slope (..., 2) of the elevation."""
@@ -246,20 +260,12 @@ class Sea:
 
     def labels(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
         """Labels alpha (..., 2) [m] of the surface particles above (x, y): `particles` inverted."""
-        return self._solve(x, y, time)[1]
+        return self._jets(x, y, time)[..., JET_LABEL_X:]
 
     def particles(self, labels: ArrayLike, time: float) -> Array:
         """Positions (..., 3) [m] of the surface particles with labels (..., 2) [m]."""
         labels = np.asarray(labels, dtype=float)
-        theta = (
-            2.0
-            * np.pi
-            * (
-                labels @ self.components[:, [TURNS_X, TURNS_Y]].T
-                + self.components[:, TURNS]
-                - self.components[:, FREQUENCY] * time
-            )
-        )
+        theta = self._angles(labels, np.asarray(time, dtype=float))
         amplitude = self.components[:, AMPLITUDE]
         directions = self.components[:, [DIRECTION_X, DIRECTION_Y]]
         x = labels + (amplitude * np.cos(theta)) @ directions
@@ -273,9 +279,10 @@ class Sea:
         factor for each x and one for each y, and summing over the waves a product of matrices.
         """
         columns = self.components.T
-        along_x = np.exp(2j * np.pi * np.outer(x, columns[TURNS_X]))
-        turns = np.outer(y, columns[TURNS_Y]) + columns[TURNS] - columns[FREQUENCY] * time
-        along_y = columns[AMPLITUDE] * np.exp(2j * np.pi * turns)
+        turns_x = np.outer(x, columns[TURNS_X])
+        turns_y = np.outer(y, columns[TURNS_Y]) + columns[TURNS] - columns[FREQUENCY] * time
+        along_x = np.exp(2j * np.pi * (turns_x - np.round(turns_x)))
+        along_y = columns[AMPLITUDE] * np.exp(2j * np.pi * (turns_y - np.round(turns_y)))
         positions = np.empty((len(along_x), len(along_y), 3))
         for axis, direction in enumerate((DIRECTION_X, DIRECTION_Y)):
             positions[..., axis] = ((along_x * columns[direction]) @ along_y.T).real
@@ -284,12 +291,22 @@ class Sea:
         positions[..., 2] = self.level + (along_x @ along_y.T).imag
         return positions
 
-    def _solve(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> tuple[Array, Array, Array]:
-        def solve(x: Array, y: Array, time: float) -> tuple[Array, Array, Array]:
-            heights, labels, jets = np.empty(x.size), np.empty((x.size, 2)), np.empty((x.size, 8))
-            tolerance = self.residual_tolerance
-            solve_surface(x, y, self.components, time, tolerance, heights, labels, jets)
-            return heights + self.level, labels, jets
+    def _angles(self, labels: Array, time: Array) -> Array:
+        """theta (..., waves) [rad], within half a turn of 0, of all waves at labels (..., 2)."""
+        turns = (
+            labels @ self.components[:, [TURNS_X, TURNS_Y]].T
+            + self.components[:, TURNS]
+            - self.components[:, FREQUENCY] * time[..., None]
+        )
+        return 2.0 * np.pi * (turns - np.round(turns))
+
+    def _jets(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
+        """Jets (..., JET_ROWS) at the points."""
+
+        def solve(x: Array, y: Array, time: float) -> Array:
+            jets = np.empty((JET_ROWS, x.size))
+            solve_jets(x, y, self.components, time, self.residual_tolerance, jets)
+            return jets.T
 
         return _per_time(solve, x, y, time)
 
@@ -314,21 +331,20 @@ def _check_jonswap(
             raise ValueError(f"the {name} is {value:g}; it must be a whole number from {least} on")
 
 
-def _per_time(solve, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> tuple[Array, ...]:
+def _per_time(
+    solve: Callable[[Array, Array, float], Array], x: ArrayLike, y: ArrayLike, time: ArrayLike
+) -> Array:
     """Broadcast x, y and time, call solve(x, y, t) with flat x, y once for every distinct
-    time (the kernels keep the time out of their inner loops) and put the results in shape."""
+    time (the kernels keep the time out of their inner loops) and put the result in shape."""
     is_one_time = np.size(time) == 1
     x, y, time = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (x, y, time)))
     x, y = np.ravel(x), np.ravel(y)
-    if is_one_time:
-        results = solve(x, y, float(time.flat[0]) if time.size else 0.0)
+    if is_one_time:  # the usual case: sorting the times would cost more than solving
+        result = solve(x, y, float(time.flat[0]) if time.size else 0.0)
     else:
         times, which = np.unique(time, return_inverse=True)
         which = np.ravel(which)
-        parts = [which == t for t in range(times.size)]
-        solved = [solve(x[part], y[part], float(t)) for part, t in zip(parts, times, strict=True)]
-        results = tuple(np.empty((x.size, *r.shape[1:])) for r in solve(x[:0], y[:0], 0.0))
-        for part, arrays in zip(parts, solved, strict=True):
-            for result, array in zip(results, arrays, strict=True):
-                result[part] = array
-    return tuple(r.reshape(time.shape + r.shape[1:]) for r in results)
+        result = np.empty((x.size, *solve(x[:0], y[:0], 0.0).shape[1:]))
+        for i, t in enumerate(times):
+            result[which == i] = solve(x[which == i], y[which == i], float(t))
+    return result.reshape(time.shape + result.shape[1:])

@@ -12,6 +12,7 @@ with the torque about the origin of a, b, c. Kernels return F and T divided by
 
 import numpy as np
 from numba import njit
+from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike, NDArray
 
 from sim.gerstner import kernel
@@ -79,6 +80,16 @@ def wet_triangles_wrench(
     out = np.empty(6)
     sum_wet(np.ascontiguousarray(corners - about), heads, out)
     return -density * gravity * out
+
+
+def gauss_rule(order: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gauss rule on a triangle: barycentric points (n^2, 3) and weights that sum to 1, exact for
+    polynomials up to degree 2 n - 2; a square's rule with one side collapsed (Duffy 1982)."""
+    nodes, weights = leggauss(order)
+    u, w = 0.5 * (nodes + 1.0), 0.5 * weights
+    x, y = np.meshgrid(u, u, indexing="ij")
+    points = np.stack([1.0 - x, x * (1.0 - y), x * y], axis=-1).reshape(-1, 3)
+    return points, (2.0 * np.outer(w * u, w)).ravel()
 
 
 @kernel

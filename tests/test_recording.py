@@ -194,11 +194,14 @@ def test_overview_of_other_seas():
 
 def test_frames_come_at_the_recording_rate_and_the_water_has_its_size(tmp_path):
     scene, path = Scene.load(MODELS / "cube.xml"), tmp_path / "cube.rrd"
+    scene.data.time = 7.0
     with Recorder(path, scene, rate=10.0, water_size=4.0, water_resolution=9) as recorder:
         for sample in simulate(scene, 1.0, rate=30.0):
             recorder.log(sample)
     times, frames = read(path, "world/water", "Mesh3D:vertex_positions")
-    np.testing.assert_allclose(times, np.arange(11) / 10.0, atol=0.002)  # one step of the scene
+    np.testing.assert_allclose(
+        times, 7.0 + np.arange(11) / 10.0, atol=0.002
+    )  # one step of the scene
     sea, cell = scene.buoyancy.sea, 0.5
     for time, points in zip(times, frames, strict=True):
         labels = sea.labels(points[:, 0], points[:, 1], time)

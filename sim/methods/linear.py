@@ -64,16 +64,21 @@ class Linear:
         return out
 
 
-def vertex_weights(hull: Hull) -> Array:
-    """(V, 6): A_v [m^2] and B_v [m^3] of the module's docstring, body frame."""
-    corners = hull.vertices[hull.faces]
-    area = hull.area_vectors
-    weights = np.zeros((len(hull.vertices), 6))
+def corner_weights(corners: Array, area_vectors: Array, faces: Array, count: int) -> Array:
+    """(count, 6): A_v [m^2] and B_v [m^3] of the module's docstring, for triangles with corners
+    (F, 3, 3) and area vectors (F, 3) whose vertices are numbered by faces (F, 3)."""
+    weights = np.zeros((count, 6))
     for corner in range(3):
         arm = (corners.sum(axis=1) + corners[:, corner]) / 12.0
-        share = np.hstack([area / 3.0, np.cross(arm, area)])
-        np.add.at(weights, hull.faces[:, corner], share)
+        share = np.hstack([area_vectors / 3.0, np.cross(arm, area_vectors)])
+        np.add.at(weights, faces[:, corner], share)
     return weights
+
+
+def vertex_weights(hull: Hull) -> Array:
+    """The weights (V, 6) of a hull's vertices, body frame."""
+    corners = hull.vertices[hull.faces]
+    return corner_weights(corners, hull.area_vectors, hull.faces, len(hull.vertices))
 
 
 def longest_edge(hull: Hull) -> float:

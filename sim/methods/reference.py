@@ -17,12 +17,11 @@ it may bulge between the corners.
 """
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike, NDArray
 
 from sim.hull import Hull
 from sim.sea import Sea
-from sim.triangle import clipped, sum_wet
+from sim.triangle import clipped, gauss_rule, sum_wet
 
 Array = NDArray[np.float64]
 
@@ -163,17 +162,7 @@ def _sum_clipped(corners: Array, heads: Array) -> Array:
     return total
 
 
-def _rule(order: int) -> tuple[Array, Array]:
-    """Gauss rule on a triangle: barycentric points (n^2, 3) and weights that sum to 1, exact for
-    polynomials up to degree 2 n - 2; a square's rule with one side collapsed (Duffy 1982)."""
-    nodes, weights = leggauss(order)
-    u, w = 0.5 * (nodes + 1.0), 0.5 * weights
-    x, y = np.meshgrid(u, u, indexing="ij")
-    points = np.stack([1.0 - x, x * (1.0 - y), x * y], axis=-1).reshape(-1, 3)
-    return points, (2.0 * np.outer(w * u, w)).ravel()
-
-
-COARSE_RULE, FINE_RULE = _rule(4), _rule(6)
+COARSE_RULE, FINE_RULE = gauss_rule(4), gauss_rule(6)
 
 
 def _quadrature(water: _Water, corners: Array, rule: tuple[Array, Array]) -> tuple[Array, Array]:
