@@ -141,8 +141,7 @@ class Recorder:
         self._steps = 0.5 * side * np.linspace(-1.0, 1.0, water_resolution)
         self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
         self._trail: deque[Sample] = deque()
-        self._stream = _open_stream(self.path, view, _blueprint(scene))
-        self._stream.send_recording_name(scene.name)
+        self._stream = _open(self.path, scene.name, _blueprint(scene), view)
         self._log_static()
 
     def __enter__(self) -> "Recorder":
@@ -347,8 +346,10 @@ def _check_numbers(rate: float | None, water_size: float | None, water_resolutio
         )
 
 
-def _open_stream(path: Path | None, view: bool, blueprint: rrb.Blueprint) -> rr.RecordingStream:
-    """A stream into a file, a viewer, or both."""
+def _open(
+    path: Path | None, name: str, blueprint: rrb.Blueprint, view: bool = False
+) -> rr.RecordingStream:
+    """A stream into a new file, a viewer, or both. Raises OSError where that cannot be."""
     stream = rr.RecordingStream("waterline")
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
@@ -361,6 +362,7 @@ def _open_stream(path: Path | None, view: bool, blueprint: rrb.Blueprint) -> rr.
         path.open("wb").close()  # tells plainly what Rerun would report from a thread
         sinks.append(rr.FileSink(path))
     stream.set_sinks(*sinks, default_blueprint=blueprint)
+    stream.send_recording_name(name)
     return stream
 
 
