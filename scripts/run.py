@@ -50,9 +50,25 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         "--record", type=Path, metavar="FILE.rrd", help="default recordings/<scene>.rrd"
     )
     record.add_argument("--no-record", action="store_true", help="write no recording")
+    parser.add_argument(
+        "--record-rate", type=positive, metavar="HZ", help="recorded of them a second (all)"
+    )
+    parser.add_argument(
+        "--water-size", type=positive, metavar="M", help="side of the water that is drawn"
+    )
+    parser.add_argument(
+        "--water-resolution", type=int, default=48, metavar="N", help="its vertices a side (48)"
+    )
+    parser.add_argument("--view", action="store_true", help="show the run in a viewer as it goes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary there")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    return parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    if options.record_rate is not None and options.record_rate > options.rate:
+        parser.error(
+            f"--record-rate {options.record_rate:g} is above the {options.rate:g} samples a second "
+            "that there are; raise --rate"
+        )
+    return options
 
 
 def load(options: argparse.Namespace) -> Scene:
@@ -61,6 +77,22 @@ def load(options: argparse.Namespace) -> Scene:
         scene = Scene.load(options.scene, options.method, options.tolerance, options.timestep)
         observe(scene)
     return scene
+
+
+def open_recorder(
+    recording: Path | None, scene: Scene, options: argparse.Namespace
+) -> Recorder | None:
+    """What writes and shows the run; None when it is neither recorded nor viewed."""
+    if recording is None and not options.view:
+        return None
+    return Recorder(
+        recording,
+        scene,
+        options.record_rate,
+        options.water_size,
+        options.water_resolution,
+        options.view,
+    )
 
 
 def run(scene: Scene, options: argparse.Namespace, recorder: Recorder | None, tally: Tally) -> int:
@@ -134,7 +166,7 @@ def main(arguments: list[str] | None = None) -> int:
         scene = load(options)
         if options.json is not None:
             options.json.open("a").close()
-        recorder = None if recording is None else Recorder(recording, scene)
+        recorder = open_recorder(recording, scene, options)
     except (ValueError, OSError) as error:
         print(f"run.py: {error}", file=sys.stderr)
         return UNUSABLE_INPUT

@@ -3,6 +3,7 @@
 The layers, from the bottom up; imports point only downwards in this list:
 
     gerstner     kernels: sums of Gerstner waves and their inverse
+    spectrum     the JONSWAP spectrum of irregular seas
     sea          Wave, Sea: elevation, its derivatives, the water's velocity
     hull         Hull: a closed, outward triangle surface, checked once
     triangle     kernels: hydrostatic wrench of a triangle, the straight clip
@@ -11,6 +12,8 @@ The layers, from the bottom up; imports point only downwards in this list:
     coupling     Buoyancy: the callback that writes xfrc_applied
     scene        Scene: an MJCF file as something that can be stepped
     simulation   simulate: the stepping loop, yields Samples
+    waterline    where sea and hull meet, as curves to be drawn
+    skin         the hulls' surfaces as they are drawn
     recording    Recorder: Samples -> a Rerun recording
     accuracy     errors and timings of methods, means of correlated series
 

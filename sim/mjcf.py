@@ -5,6 +5,9 @@ A scene is one MJCF file; what concerns the water stands in its `<custom>` eleme
     numeric water_density             kg/m^3                           (1025, sea water)
     numeric water_level               m                                (0)
     numeric wave_<name>               amplitude m, wavelength m, heading deg, phase deg
+    numeric sea_jonswap               significant height m, peak period s, gamma, heading deg,
+                                      spread deg, waves, seed; all after the period may be left
+                                      out (see sim.sea.Sea.jonswap)
     text    buoyancy_method           how wrenches are computed        (see sim.methods)
     text    buoyancy_method_<geom>    the same for one geom
     numeric buoyancy_tolerance        m of water height, for methods that take one
@@ -28,8 +31,10 @@ from sim.sea import Sea, Wave
 
 SEA_WATER_DENSITY = 1025.0  # kg/m^3, at 15 degrees C and 35 g/kg of salt
 
-OWN_PREFIXES = ("water", "wave", "buoyan", "chord_")
+OWN_PREFIXES = ("water", "wave", "sea_", "buoyan", "chord_")
 """Custom elements that begin so are ours: one we do not know is a typing error, not ignored."""
+
+IRREGULAR_SEA = "sea_jonswap"
 
 SPHERE_SUBDIVISIONS = 3
 """Of an icosahedron: 1280 faces. The surface lies within 0.3 % of the radius from the true one;
@@ -123,20 +128,35 @@ def _refuse_unknown(kind: str, name: str, known: str) -> None:
 
 def _own_numerics(model: mujoco.MjModel) -> dict[str, NDArray[np.float64]]:
     single = ("water_density", "water_level", "buoyancy_tolerance", "chord_samples")
+    known = f"{', '.join(single)}, {IRREGULAR_SEA} or wave_<name>"
     found = {}
     for i, name in _names(model, mujoco.mjtObj.mjOBJ_NUMERIC, model.nnumeric):
-        if name not in single and not name.startswith("wave_"):
-            _refuse_unknown("numeric", name, f"{', '.join(single)} or wave_<name>")
         values = np.array(model.numeric(i).data)
-        expected = 1 if name in single else 4
-        if values.size != expected:
-            meaning = "amplitude m, wavelength m, heading deg, phase deg"
-            raise ValueError(
-                f"custom numeric '{name}' has {values.size} number{'s' * (values.size != 1)}; "
-                f"expected {expected}" + (f": {meaning}" if expected == 4 else "")
+        if name in single:
+            _check_count(name, values, range(1, 2))
+        elif name == IRREGULAR_SEA:
+            meaning = (
+                "significant height m, peak period s, gamma, heading deg, spread deg, waves, seed"
             )
+            _check_count(name, values, range(2, 8), meaning)
+        elif name.startswith("wave_"):
+            meaning = "amplitude m, wavelength m, heading deg, phase deg"
+            _check_count(name, values, range(4, 5), meaning)
+        else:
+            _refuse_unknown("numeric", name, known)
         found[name] = values
     return found
+
+
+def _check_count(
+    name: str, values: NDArray[np.float64], counts: range, meaning: str | None = None
+) -> None:
+    if values.size not in counts:
+        expected = " to ".join(str(n) for n in sorted({counts[0], counts[-1]}))
+        raise ValueError(
+            f"custom numeric '{name}' has {values.size} number{'s' * (values.size != 1)}; "
+            f"expected {expected}" + (f": {meaning}" if meaning else "")
+        )
 
 
 def _own_texts(model: mujoco.MjModel) -> dict[str, str]:
@@ -160,9 +180,21 @@ def _read_sea(model: mujoco.MjModel, numerics: dict[str, NDArray[np.float64]]) -
             waves.append(Wave(amplitude, wavelength, np.radians(heading), np.radians(phase)))
         except ValueError as error:
             raise ValueError(f"custom numeric '{name}': {error}") from None
+    gravity = -float(model.opt.gravity[2])
+    if IRREGULAR_SEA in numerics:
+        waves += _jonswap_waves(numerics[IRREGULAR_SEA], gravity)
     density = float(numerics.get("water_density", [SEA_WATER_DENSITY])[0])
     level = float(numerics.get("water_level", [0.0])[0])
-    return Sea(waves, density, -float(model.opt.gravity[2]), level)
+    return Sea(waves, density, gravity, level)
+
+
+def _jonswap_waves(numbers: NDArray[np.float64], gravity: float) -> tuple[Wave, ...]:
+    values = numbers.copy()
+    values[3:5] = np.radians(values[3:5])
+    try:
+        return Sea.jonswap(*values.tolist(), gravity=gravity).waves
+    except ValueError as error:
+        raise ValueError(f"custom numeric '{IRREGULAR_SEA}': {error}") from None
 
 
 def _buoyant_geoms(model: mujoco.MjModel) -> list[int]:

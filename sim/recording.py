@@ -2,49 +2,94 @@
 
 Entities, all in world axes [m]:
 
-    world/water                     the surface around the bodies
-    world/bodies/<body>             pose of the body frame; below it its hulls
+    world/water                     the surface around the bodies, made of its own particles
+    world/bodies/<body>             pose of the body frame; below it its hulls, wet parts darker
+    world/waterline                 where the surface meets the hulls
     world/forces/buoyancy, weight   arrows at the centres of mass
+    world/trail                     where the centres of mass have just been
+    world/focus                     what the camera looks at and moves with
     plots/<quantity>/<body>         height and water height [m], tilt [deg], submerged
-                                    fraction [-], vertical force [N]
+                                    fraction [-], vertical buoyant force [weights]
+    overview                        scene, sea, hulls and settings; at the end the means
 
 on the timelines `time` (simulated seconds) and `frame`.
 """
 
+import atexit
+import os
+import socket
+import sys
+from collections import deque
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from sim.hull import Hull
 from sim.scene import Scene
-from sim.simulation import Sample
+from sim.sea import Sea
+from sim.simulation import Sample, Tally
+from sim.skin import Skin, Skins
+from sim.waterline import heads, waterlines
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 WATER_RESOLUTION = 48
-"""Vertices along a side of the water's grid; a frame takes 12 bytes for each of its square."""
+"""Vertices along a side of the water's grid; a frame takes 16 bytes for each of its square."""
 
-WATER_SIZE_IN_HULLS = 6.0
-"""Side of the water's grid in sides of the largest hull, where the bodies are not further apart."""
+WATER_IN_HULLS, WATER_IN_SPREADS = 6.0, 2.4
+"""Side of the water's square: so many sides of the largest hull and as many times the distance that
+the bodies are apart."""
 
-WATER_COLOUR = (38, 108, 168, 150)
-BUOYANCY_COLOUR = (80, 200, 120)
-WEIGHT_COLOUR = (220, 80, 60)
+EYE_IN_HULLS, EYE_IN_SPREADS = 2.6, 0.9
+"""Distance of the eye from what it looks at, likewise: near enough for the waterline, far enough to
+have all bodies and a wave or two around them."""
+
+EYE_DIRECTION = np.array([-0.49, -0.78, 0.39])
+
+MOST_SHADED_VERTICES = 20_000
+"""Of all hulls together; with more of them the wet part is not told apart by colour, because
+writing the colours anew takes 4 bytes for each vertex and frame."""
+
+MOST_PLOTTED = 6
+"""Bodies in the plots and the overview, the first ones; the series of the others are in the
+recording too. With more bodies than these there are no trails: they would be a thicket."""
+
+MOST_WAVES_NAMED = 4
+"""Waves of a sea up to which the overview has each."""
+
+TRAIL_SECONDS = 3.0
+"""How far back the trails go."""
+
+TROUGH_COLOUR, CREST_COLOUR = np.array([12.0, 50.0, 104.0]), np.array([122.0, 196.0, 228.0])
+WATER_OPACITY = 125
+SKY_COLOUR = (40, 56, 72)
+WET_TINT, WET_SHARE = np.array([20.0, 70.0, 130.0]), 0.4
+"""A wet surface has this share of the colour WET_TINT."""
+
+WATER_SERIES_COLOUR = np.array([90.0, 150.0, 200.0])
+ARROW_IN_HULLS = 0.55
+"""Length of the weight's arrow in diagonals of the body's largest hull."""
+
+WATERLINE_COLOUR = (255, 255, 255)
+FORCE_COLOURS = {"buoyancy": (80, 200, 120), "weight": (220, 80, 60)}
 
 PLOTS = {
-    "height": "Height of the centre of mass and of the water above it [m]",
+    "height": "Height of body and water [m]",
     "tilt": "Tilt [deg]",
-    "submerged": "Submerged fraction of the volume",
-    "force": "Vertical buoyant force [N]",
+    "force": "Buoyant force [weights]",
+    "submerged": "Submerged [of the volume]",
 }
 """Time series views, in order: the first part of the entity path and the title."""
+
+PLOT_SHARES = (1.0, 1.0, 1.0, 1.55)
+"""Heights of the three plots and the overview below them."""
 
 SERIES = {
     "height": "plots/height/{}",
@@ -55,28 +100,157 @@ SERIES = {
 }
 """Entity path of every quantity of a body."""
 
+VIEWER_PORT = 9876
+"""Where a Rerun viewer listens."""
+
+FLUSH_SECONDS = 5.0
+"""Longest wait for the disk to take about a megabyte. Rerun's writer, once it has given up, leaves
+a flush unanswered, so this is also how long it takes to notice that the disk is full."""
+
+ABANDONED: list[rr.RecordingStream] = []
+"""Streams whose writer has died. A process that has one must leave by `os._exit`."""
+
+
+class _Output:
+    """An .rrd file, a viewer, or both, that takes what is logged.
+
+    Raises OSError where that cannot be, at once or when the disk fills up; the file then ends
+    with the last flush, readable, or is removed if nothing had been written.
+    """
+
+    def __init__(
+        self, path: Path | None, name: str, blueprint: rrb.Blueprint, view: bool = False
+    ) -> None:
+        self._path = path
+        self._intact: int | None = 0
+        self._stream = stream = rr.RecordingStream("waterline")
+        stream.set_log_time_enabled(False)
+        stream.set_log_tick_enabled(False)
+        self.set_time, self.log, self.send_columns = (
+            stream.set_time,
+            stream.log,
+            stream.send_columns,
+        )
+        sinks = []
+        if view:
+            _open_viewer()
+            sinks.append(rr.GrpcSink(f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"))
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _check_writable(path)
+            sinks.append(rr.FileSink(path))
+        try:
+            stream.set_sinks(*sinks, default_blueprint=blueprint)
+        except RuntimeError as error:
+            self._give_up(error)
+        stream.send_recording_name(name)
+
+    def flush(self) -> None:
+        """Have all that was logged on disk."""
+        try:
+            self._stream.flush(timeout_sec=FLUSH_SECONDS)
+        except RuntimeError as error:
+            self._give_up(error)
+        if self._path is not None:
+            self._intact = self._path.stat().st_size
+
+    @property
+    def is_open(self) -> bool:
+        """False after the end, good or bad."""
+        return self._intact is not None
+
+    def close(self) -> None:
+        """Write what is waiting and let go of file and viewer."""
+        self.flush()
+        self._stream.disconnect()
+        self._intact = None
+
+    def _give_up(self, error: RuntimeError) -> NoReturn:
+        intact, self._intact = self._intact, None
+        # Disconnecting, collecting the stream and Rerun's shutdown would wait for the dead
+        # writer for ever.
+        atexit.unregister(rr.rerun_shutdown)
+        ABANDONED.append(self._stream)
+        if self._path is not None and self._path.is_file():
+            os.truncate(self._path, intact)
+            if intact == 0:
+                self._path.unlink()
+        reason = " ".join(str(error).split())
+        raise OSError(
+            f"{self._path}: the recording cannot be written ({reason}); make room on the disk or "
+            "record elsewhere. What was written before is intact"
+        )
+
+
+class _Part:
+    """The part of an output below one entity."""
+
+    def __init__(self, output: _Output, root: str) -> None:
+        self._output, self._root = output, root
+        self.set_time, self.flush = output.set_time, output.flush
+
+    def log(self, entity: str, *what: Any, **options: Any) -> None:
+        self._output.log(f"{self._root}/{entity}".rstrip("/"), *what, **options)
+
+    def send_columns(self, entity: str, **columns: Any) -> None:
+        self._output.send_columns(f"{self._root}/{entity}", **columns)
+
+    @property
+    def is_open(self) -> bool:
+        return self._output.is_open
+
+    def close(self) -> None:
+        """Leave the output open: it has other parts."""
+
 
 class Recorder:
-    """Writes samples of one scene to an .rrd file; a context manager.
+    """Writes samples of one scene to an .rrd file, shows them in a viewer, or both; a context
+    manager.
 
         with Recorder("run.rrd", scene) as recorder:
             for sample in simulate(scene, 10.0):
                 recorder.log(sample)
 
-    The file is readable whenever the block is left, by an exception too. Missing folders are
-    made. Raises OSError when the file cannot be written.
+    path: of the file, or None for none; rate: frames a simulated second [Hz] at most, None for
+    one a sample; water_size [m]: side of the water's square; water_resolution: vertices along
+    that side; view: open a viewer, or use the one that is open, and show the run as it goes.
 
-    stream: part of a recording that is open already (`_Part`), instead of a file of its own.
+    output: part of a recording that is open already, instead of a file of its own.
+
+    The file is readable whenever the block is left, by an exception too. Missing folders are
+    made. Raises OSError when the file cannot be written, now or later (what was written until a
+    second before stays readable), or no viewer can be opened, ValueError for numbers that
+    cannot be.
     """
 
-    def __init__(self, path: str | Path, scene: Scene, stream: "_Part | None" = None) -> None:
-        self.path = Path(path)
+    def __init__(
+        self,
+        path: str | Path | None,
+        scene: Scene,
+        rate: float | None = None,
+        water_size: float | None = None,
+        water_resolution: int = WATER_RESOLUTION,
+        view: bool = False,
+        output: _Part | None = None,
+    ) -> None:
+        _check_numbers(rate, water_size, water_resolution)
+        self.path = None if path is None else Path(path)
         self.scene = scene
+        self._period = 0.0 if rate is None else 1.0 / rate
+        self._due: float | None = None
         self._frame = 0
         self._waiting: list[Sample] = []
-        self._side, self._steps = _water_grid(scene)
-        self._stream = stream or _open(self.path, scene.name, _blueprint(scene, self._side))
+        self._tally = Tally(scene)
+        self._skins = Skins(scene.buoyancy)
+        self._largest_skins = self._skins.of_bodies()
+        self._shaded = self._skins.vertex_count <= MOST_SHADED_VERTICES
+        side = water_size or _extent(scene, WATER_IN_HULLS, WATER_IN_SPREADS)
+        self._steps = 0.5 * side * np.linspace(-1.0, 1.0, water_resolution)
+        self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
+        self._trail: deque[Sample] = deque()
+        self._output = output or _Output(self.path, scene.name, _blueprint(scene), view)
         self._log_static()
+        self._output.flush()
 
     def __enter__(self) -> "Recorder":
         return self
@@ -90,92 +264,159 @@ class Recorder:
         self.close()
 
     def close(self) -> None:
-        """Write what is waiting and close the file."""
+        """Write what is waiting and the means over the run, and close the file; a second time
+        does nothing."""
+        if not self._output.is_open:
+            return
         self._send_series()
-        self._stream.flush()
-        self._stream.disconnect()
+        self._log_overview()
+        self._output.close()
 
     def log(self, sample: Sample) -> None:
-        """Add one sample as the next frame."""
-        stream = self._stream
-        stream.set_time("time", duration=sample.time)
-        stream.set_time("frame", sequence=self._frame)
+        """Add one sample as the next frame, unless it comes before one is due."""
+        self._tally.add(sample)
+        if self._due is None:
+            self._due = sample.time
+        if sample.time < self._due - 1e-9:
+            return
+        self._due += self._period
+        output = self._output
+        output.set_time("time", duration=sample.time)
+        output.set_time("frame", sequence=self._frame)
         for name, position, quaternion in zip(
             self.scene.buoyancy.body_names, sample.positions, sample.quaternions, strict=True
         ):
-            stream.log(
+            output.log(
                 f"world/bodies/{_part(name)}",
                 rr.Transform3D(translation=position, quaternion=np.roll(quaternion, -1)),
             )
-        stream.log(
-            "world/water",
-            rr.Mesh3D.from_fields(vertex_positions=self._water_vertices(sample)),
-        )
+        focus = [*sample.centres[:, :2].mean(axis=0), self.scene.buoyancy.sea.level]
+        output.log("world/focus", rr.Transform3D(translation=focus))
+        self._log_water(sample)
+        self._log_hulls(sample)
         self._log_forces(sample)
+        if len(sample.centres) <= MOST_PLOTTED:
+            self._log_trail(sample)
         self._frame += 1
         self._waiting.append(sample)
         if sample.time - self._waiting[0].time >= 1.0:
             self._send_series()
-            stream.flush()
+            output.flush()
 
     def _log_static(self) -> None:
-        stream, scene = self._stream, self.scene
-        model, buoyancy = scene.model, scene.buoyancy
-        stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for f in buoyancy.floats:
-            body = model.body(f.body)
-            hull = f.method.hull
-            entity = f"world/bodies/{_part(body.name or f'body {f.body}')}/{_part(f.name)}"
-            stream.log(
-                entity,
+        """All that stays as it is over the run."""
+        self._output.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._log_static_surfaces()
+        self._log_static_lines()
+        self._log_overview()
+
+    def _log_static_surfaces(self) -> None:
+        for skin in self._skins:
+            body = self.scene.model.body(skin.body)
+            albedo = np.array([255.0, 255.0, 255.0, skin.rgba[3]]) if self._shaded else skin.rgba
+            self._output.log(
+                self._entity(skin),
                 rr.Transform3D(translation=body.ipos, quaternion=np.roll(body.iquat, -1)),
                 rr.Mesh3D(
-                    vertex_positions=hull.vertices,
-                    triangle_indices=hull.faces,
-                    vertex_normals=vertex_normals(hull),
-                    albedo_factor=np.round(255 * model.geom(f.name).rgba).astype(np.uint8),
+                    vertex_positions=skin.corners,
+                    triangle_indices=skin.corner_faces,
+                    vertex_normals=skin.corner_normals,
+                    albedo_factor=_rounded(albedo),
                 ),
                 static=True,
             )
-        stream.log(
-            "world/water",
-            rr.Mesh3D.from_fields(
-                triangle_indices=_grid_faces(WATER_RESOLUTION), albedo_factor=WATER_COLOUR
-            ),
-            static=True,
+        water = rr.Mesh3D.from_fields(
+            triangle_indices=_grid_faces(len(self._steps)),
+            albedo_factor=(255, 255, 255, WATER_OPACITY),
         )
-        for quantity, path in SERIES.items():
-            for name in buoyancy.body_names:
-                label = f"water at {name}" if quantity == "water_height" else name
-                stream.log(path.format(_part(name)), rr.SeriesLines(names=label), static=True)
+        self._output.log("world/water", water, static=True)
 
-    def _water_vertices(self, sample: Sample) -> Array:
-        """(N, 3) points of the very surface that pushes, on a grid that follows the bodies by
-        whole cells, so that it does not swim under the eye."""
+    def _log_static_lines(self) -> None:
+        """Colours and widths of all lines; a body's weight is as long as ARROW_IN_HULLS says."""
+        output, skins = self._output, self._largest_skins
+        sizes = np.array([skin.size for skin in skins])
+        self._metres_per_newton = (ARROW_IN_HULLS * sizes / self._weights)[:, None]
+        weight = self._weights[:, None] * [0.0, 0.0, -1.0]
+        for name, colour in FORCE_COLOURS.items():
+            arrows = rr.Arrows3D.from_fields(colors=[colour], radii=0.014 * sizes)
+            output.log(f"world/forces/{name}", arrows, static=True)
+        weight = rr.Arrows3D.from_fields(vectors=self._metres_per_newton * weight)
+        output.log("world/forces/weight", weight, static=True)
+        waterline = rr.LineStrips3D.from_fields(
+            colors=[WATERLINE_COLOUR], radii=0.009 * min(skin.size for skin in self._skins)
+        )
+        output.log("world/waterline", waterline, static=True)
+        trail = rr.LineStrips3D.from_fields(
+            colors=[_rounded(skin.rgba[:3]) for skin in skins],
+            radii=0.006 * sizes,
+        )
+        output.log("world/trail", trail, static=True)
+        for quantity, path in SERIES.items():
+            for name, skin in zip(self.scene.buoyancy.body_names, skins, strict=True):
+                colour, label, width = skin.rgba[:3], name, 2.0
+                if quantity == "water_height":
+                    colour, label, width = WATER_SERIES_COLOUR, f"water at {name}", 1.0
+                line = rr.SeriesLines(names=label, colors=[_rounded(colour)], widths=[width])
+                output.log(path.format(_part(name)), line, static=True)
+
+    def _entity(self, skin: Skin) -> str:
+        buoyancy = self.scene.buoyancy
+        body = buoyancy.body_names[buoyancy.bodies.tolist().index(skin.body)]
+        return f"world/bodies/{_part(body)}/{_part(skin.name)}"
+
+    def _log_overview(self) -> None:
+        text = overview(self.scene, self._tally)
+        document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+        self._output.log("overview", document, static=True)
+
+    def _log_water(self, sample: Sample) -> None:
+        """The particles of a grid of labels, which travel to and fro as the water does. The grid
+        follows the bodies by whole cells, so that it does not swim under the eye."""
+        sea = self.scene.buoyancy.sea
         cell = self._steps[1] - self._steps[0]
         middle = np.round(sample.centres[:, :2].mean(axis=0) / cell) * cell
-        x, y = np.meshgrid(middle[0] + self._steps, middle[1] + self._steps, indexing="ij")
-        z = self.scene.buoyancy.sea.elevation(x, y, sample.time)
-        return np.stack([x, y, z], axis=-1).reshape(-1, 3)
+        labels = middle[:, None] + self._steps
+        particles = sea.particle_grid(*labels, sample.time).reshape(-1, 3)
+        highest = max(min(sea.amplitude, 0.5 * sea.significant_height), 1e-9)
+        share = np.clip(0.5 + 0.5 * (particles[:, 2:] - sea.level) / highest, 0.0, 1.0)
+        colours = TROUGH_COLOUR + share * (CREST_COLOUR - TROUGH_COLOUR)
+        water = rr.Mesh3D.from_fields(
+            vertex_positions=particles.astype(np.float32), vertex_colors=_packed(colours)
+        )
+        self._output.log("world/water", water)
+
+    def _log_hulls(self, sample: Sample) -> None:
+        """The waterline, and the wet part of each hull darker than the dry one."""
+        sea, skins = self.scene.buoyancy.sea, self._skins
+        points = skins.placed(sample)
+        depths = heads(sea, points, sample.time)
+        curves = waterlines(sea, sample.time, points, skins.faces, depths)
+        lines = rr.LineStrips3D.from_fields(strips=[c.astype(np.float32) for c in curves])
+        self._output.log("world/waterline", lines)
+        for skin in skins if self._shaded else ():
+            wet = np.clip(0.5 + depths[skin.vertices] / (0.5 * skin.edge), 0.0, 1.0)[:, None]
+            colours = _packed(skin.rgba[:3] + WET_SHARE * wet * (WET_TINT - skin.rgba[:3]))
+            shade = rr.Mesh3D.from_fields(vertex_colors=colours[skin.corner_vertices])
+            self._output.log(self._entity(skin), shade)
 
     def _log_forces(self, sample: Sample) -> None:
-        """Arrows for buoyancy and weight: a body's weight is as long as a tenth of the water."""
-        model, bodies = self.scene.model, self.scene.buoyancy.bodies
-        weights = model.body_mass[bodies] * -model.opt.gravity[2]
-        metres_per_newton = (0.1 * self._side / weights)[:, None]
-        down = np.outer(weights, [0.0, 0.0, -1.0])
-        forces = {
-            "buoyancy": (sample.body_wrenches[:, :3], BUOYANCY_COLOUR),
-            "weight": (down, WEIGHT_COLOUR),
-        }
-        for name, (vectors, colour) in forces.items():
-            arrows = rr.Arrows3D(
-                vectors=metres_per_newton * vectors,
-                origins=sample.centres,
-                colors=[colour],
-                radii=0.004 * self._side,
-            )
-            self._stream.log(f"world/forces/{name}", arrows)
+        """Arrows at the centres of mass; the weight's vectors never change."""
+        origins = sample.centres.astype(np.float32)
+        wrenches = {"buoyancy": sample.body_wrenches}
+        for name, wrench in wrenches.items():
+            vectors = (self._metres_per_newton * wrench[:, :3]).astype(np.float32)
+            arrows = rr.Arrows3D.from_fields(vectors=vectors, origins=origins)
+            self._output.log(f"world/forces/{name}", arrows)
+        self._output.log("world/forces/weight", rr.Arrows3D.from_fields(origins=origins))
+
+    def _log_trail(self, sample: Sample) -> None:
+        self._trail.append(sample)
+        while sample.time - self._trail[0].time > TRAIL_SECONDS:
+            self._trail.popleft()
+        centres = np.stack([s.centres for s in self._trail], axis=1)
+        self._output.log(
+            "world/trail", rr.LineStrips3D.from_fields(strips=centres.astype(np.float32))
+        )
 
     def _send_series(self) -> None:
         """Send the time series in batches: one call a series costs as much as one a frame."""
@@ -192,12 +433,12 @@ class Recorder:
             "water_height": [s.elevations for s in samples],
             "tilt_deg": [np.degrees(s.tilts) for s in samples],
             "submerged_fraction": [s.submerged_fractions for s in samples],
-            "vertical_force": [s.body_wrenches[:, 2] for s in samples],
+            "vertical_force": [s.body_wrenches[:, 2] / self._weights for s in samples],
         }
         for quantity, path in SERIES.items():
             for i, name in enumerate(self.scene.buoyancy.body_names):
                 series = [row[i] for row in values[quantity]]
-                self._stream.send_columns(
+                self._output.send_columns(
                     path.format(_part(name)),
                     indexes=indexes,
                     columns=rr.Scalars.columns(scalars=series),
@@ -211,17 +452,17 @@ class SideBySideRecorder:
             for samples in zip(simulate(one, 10.0), simulate(other, 10.0)):
                 recorder.log(samples)
 
-    Each has a 3D view of its own, titled with its label, all in the same water and seen from the
-    same place; their plots share axes. What a `Recorder` writes stands below the entity <label>.
+    Each has a 3D view of its own, titled with its label, all in the same water; their plots
+    share axes. What a `Recorder` writes stands below the entity <label>. Raises OSError as it does.
     """
 
     def __init__(self, path: str | Path, scenes: Mapping[str, Scene]) -> None:
         self.path = Path(path)
         first = next(iter(scenes.values()))
-        blueprint = _side_by_side_blueprint(scenes)
-        self._stream = _open(self.path, f"{first.name}: {', '.join(scenes)}", blueprint)
+        name = f"{first.name}: {', '.join(scenes)}"
+        self._output = _Output(self.path, name, _side_by_side_blueprint(scenes))
         self._recorders = [
-            Recorder(self.path, scene, _Part(self._stream, _part(label)))
+            Recorder(self.path, scene, output=_Part(self._output, _part(label)))
             for label, scene in scenes.items()
         ]
         bodies = first.buoyancy.body_names
@@ -229,7 +470,7 @@ class SideBySideRecorder:
             name = f"water at {body}" if path_of.endswith("water") else body
             line = rr.SeriesLines(names=f"{name}, {label}")
             entity = f"{_part(label)}/{path_of.format(_part(body))}"
-            self._stream.log(entity, line, static=True)
+            self._output.log(entity, line, static=True)
 
     def __enter__(self) -> "SideBySideRecorder":
         return self
@@ -240,9 +481,10 @@ class SideBySideRecorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        for recorder in self._recorders:
-            recorder.close()
-        self._stream.disconnect()
+        if self._output.is_open:
+            for recorder in self._recorders:
+                recorder.close()
+            self._output.close()
 
     def log(self, samples: Sequence[Sample]) -> None:
         """Add one sample of each simulation, in the order of the scenes, as the next frame."""
@@ -250,41 +492,49 @@ class SideBySideRecorder:
             recorder.log(sample)
 
 
-class _Part:
-    """The part of an open stream below one entity; takes what a `Recorder` logs."""
-
-    def __init__(self, stream: rr.RecordingStream, root: str) -> None:
-        self._stream, self._root = stream, root
-        self.set_time, self.flush = stream.set_time, stream.flush
-
-    def log(self, entity: str, *what: Any, **options: Any) -> None:
-        self._stream.log(f"{self._root}/{entity}".rstrip("/"), *what, **options)
-
-    def send_columns(self, entity: str, **columns: Any) -> None:
-        self._stream.send_columns(f"{self._root}/{entity}", **columns)
-
-    def disconnect(self) -> None:
-        """Leave the stream open: it has other parts."""
+def _check_numbers(rate: float | None, water_size: float | None, water_resolution: int) -> None:
+    for name, value in (("recording rate", rate), ("size of the water", water_size)):
+        if value is not None and not (np.isfinite(value) and value > 0.0):
+            raise ValueError(f"the {name} is {value}; it must be finite and above 0")
+    if water_resolution < 2:
+        raise ValueError(
+            f"the water's resolution is {water_resolution} vertices along a side; it must be 2 or "
+            "more"
+        )
 
 
-def _open(path: Path, name: str, blueprint: rrb.Blueprint) -> rr.RecordingStream:
-    """A stream into a new file. Raises OSError when it cannot be written."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.open("wb").close()  # tells plainly what Rerun would report from a thread
-    stream = rr.RecordingStream("waterline")
-    stream.set_log_time_enabled(False)
-    stream.set_log_tick_enabled(False)
-    stream.save(path, default_blueprint=blueprint)
-    stream.send_recording_name(name)
-    return stream
+def _check_writable(path: Path) -> None:
+    """Tells plainly, and before anything is simulated, what Rerun would report from a thread."""
+    with path.open("wb") as file:
+        try:
+            file.write(b"RRF2")
+            file.flush()
+        except OSError as error:
+            raise OSError(f"{path}: {error.strerror}; make room or record elsewhere") from None
 
 
-def vertex_normals(hull: Hull) -> Array:
-    """Outward unit normals (V, 3) at the vertices: means of the faces around, by their area."""
-    normals = np.zeros_like(hull.vertices)
-    for corner in range(3):
-        np.add.at(normals, hull.faces[:, corner], hull.area_vectors)
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+def _open_viewer() -> None:
+    """Start a viewer unless one is listening. Raises OSError where it would have no screen."""
+    with socket.socket() as probe:
+        if probe.connect_ex(("127.0.0.1", VIEWER_PORT)) == 0:
+            return
+    screens = ("DISPLAY", "WAYLAND_DISPLAY")
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in screens):
+        raise OSError(
+            "there is no screen for the viewer (neither DISPLAY nor WAYLAND_DISPLAY is set); "
+            f"start one elsewhere that listens on port {VIEWER_PORT} here, or look at a recording"
+        )
+    rr.spawn(port=VIEWER_PORT, connect=False, hide_welcome_screen=True)
+
+
+def _rounded(colour: Array) -> NDArray[np.uint8]:
+    return np.round(colour).astype(np.uint8)
+
+
+def _packed(colours: Array) -> NDArray[np.uint32]:
+    """Opaque colours (N, 3) in 0 ... 255 as Rerun keeps them, 0xRRGGBBAA."""
+    r, g, b = _rounded(colours).astype(np.uint32).T
+    return (r << 24) | (g << 16) | (b << 8) | 255
 
 
 def _part(name: str) -> str:
@@ -292,16 +542,15 @@ def _part(name: str) -> str:
     return rr.escape_entity_path_part(name)
 
 
-def _water_grid(scene: Scene) -> tuple[float, Array]:
-    """Side [m] of the water's grid and the grid lines (N,) along it, from its middle."""
+def _extent(scene: Scene, in_hulls: float, in_spreads: float) -> float:
+    """A length [m] that goes with the largest hull and with how far the bodies are apart."""
     buoyancy = scene.buoyancy
     largest = max(np.ptp(f.method.hull.bounds, axis=0).max() for f in buoyancy.floats)
     spread = np.ptp(scene.data.xipos[buoyancy.bodies, :2], axis=0).max()
-    side = float(spread + WATER_SIZE_IN_HULLS * largest)
-    return side, np.linspace(-0.5 * side, 0.5 * side, WATER_RESOLUTION)
+    return float(in_hulls * largest + in_spreads * spread)
 
 
-def _grid_faces(resolution: int) -> NDArray[np.int64]:
+def _grid_faces(resolution: int) -> Indices:
     """Two triangles for each cell of a square grid of vertices, facing up."""
     corner = np.arange(resolution * resolution).reshape(resolution, resolution)
     a, b = corner[:-1, :-1].ravel(), corner[1:, :-1].ravel()
@@ -309,44 +558,98 @@ def _grid_faces(resolution: int) -> NDArray[np.int64]:
     return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
 
-def _view(scene: Scene, side: float, name: str, root: str = "") -> rrb.Spatial3DView:
-    """The bodies and the water around them."""
-    centre = scene.data.xipos[scene.buoyancy.bodies].mean(axis=0)
-    centre[2] = scene.buoyancy.sea.level
-    eye = rrb.EyeControls3D(
-        position=centre + side * np.array([-0.35, -0.55, 0.25]),
-        look_target=centre,
-        eye_up=(0.0, 0.0, 1.0),
-    )
-    return rrb.Spatial3DView(origin=f"{root}world", name=name, eye_controls=eye)
-
-
-def _blueprint(scene: Scene, side: float) -> rrb.Blueprint:
-    plots = [
-        rrb.TimeSeriesView(origin=f"plots/{entity}", name=title) for entity, title in PLOTS.items()
+def overview(scene: Scene, tally: Tally) -> str:
+    """Scene, sea, hulls and settings as Markdown; with samples in the tally, the means too."""
+    floats, timestep = scene.buoyancy.floats, scene.model.opt.timestep
+    lines = [
+        f"**{scene.name}**, timestep {1e3 * timestep:g} ms, {sea_in_words(scene.buoyancy.sea)}"
     ]
-    return _arranged(_view(scene, side, scene.name), plots, [2, 1])
+    for f in floats[:MOST_PLOTTED]:
+        hull, method = f.method.hull, type(f.method).__name__.lower()
+        lines.append(f"- {f.name}: {len(hull.faces):,} faces, {hull.volume:.4g} m³, {method}")
+    if len(floats) > MOST_PLOTTED:
+        lines.append(f"- and {len(floats) - MOST_PLOTTED} more")
+    if tally.last is None:
+        return "\n".join(lines)
+    lines += ["", "| mean of | height m | tilt ° | submerged | force/weight |", "|--|--|--|--|--|"]
+    for name, means in list(tally.bodies().items())[:MOST_PLOTTED]:
+        lines.append(
+            f"| {name} | {means['mean_height']:.3f} | {means['mean_tilt_deg']:.1f} | "
+            f"{means['mean_submerged_fraction']:.3f} | {means['mean_force_over_weight']:.3f} |"
+        )
+    step, spent = tally.last.step, tally.last.step_seconds
+    lines += [
+        "",
+        f"{step:,} steps to {tally.last.time:.2f} s, {1e6 * spent / max(step, 1):.0f} µs each",
+    ]
+    return "\n".join(lines)
+
+
+def sea_in_words(sea: Sea) -> str:
+    """One line on a sea: each wave, or their significant height where they are many."""
+    if not sea.waves:
+        return "still water"
+    if len(sea.waves) > MOST_WAVES_NAMED:
+        lengths = [wave.wavelength for wave in sea.waves]
+        return (
+            f"{len(sea.waves)} waves of {min(lengths):.3g} to {max(lengths):.3g} m, significant "
+            f"height {sea.significant_height:.3g} m, steepness {sea.steepness:.2f}"
+        )
+    waves = [f"{w.amplitude:.3g} x {w.wavelength:.3g} m" for w in sea.waves]
+    return f"waves (amplitude x length) {', '.join(waves)}, steepness {sea.steepness:.2f}"
+
+
+def _view(scene: Scene, name: str, root: str = "") -> rrb.Spatial3DView:
+    """The bodies and the water around them, seen from a place that moves with them."""
+    distance = _extent(scene, EYE_IN_HULLS, EYE_IN_SPREADS)
+    eye = rrb.EyeControls3D(
+        position=distance * EYE_DIRECTION, look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
+    )
+    return rrb.Spatial3DView(
+        origin=f"{root}world/focus",
+        contents=f"/{root}world/**",
+        name=name,
+        eye_controls=eye,
+        line_grid=False,
+        background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=SKY_COLOUR),
+    )
+
+
+def _plot(entity: str, contents: list[str]) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=contents,
+        name=PLOTS[entity],
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=entity == "tilt"),
+    )
+
+
+def _blueprint(scene: Scene) -> rrb.Blueprint:
+    names = [_part(name) for name in scene.buoyancy.body_names[:MOST_PLOTTED]]
+    height, tilt, *forces = (
+        _plot(entity, [f"/plots/{entity}/{name}/**" for name in names]) for entity in PLOTS
+    )
+    text = rrb.TextDocumentView(origin="overview", name="Overview")
+    tabs = rrb.Tabs(*forces, active_tab=0)
+    plots = rrb.Vertical(height, tilt, tabs, text, row_shares=PLOT_SHARES)
+    title = f"{scene.name}: waterline white, buoyancy green, weight red"
+    return _arranged(_view(scene, title), plots, [2, 1])
 
 
 def _side_by_side_blueprint(scenes: Mapping[str, Scene]) -> rrb.Blueprint:
-    views = [
-        _view(scene, _water_grid(scene)[0], label, f"{_part(label)}/")
-        for label, scene in scenes.items()
-    ]
+    views = [_view(scene, label, f"{_part(label)}/") for label, scene in scenes.items()]
     plots = [
-        rrb.TimeSeriesView(
-            origin="/", contents=[f"+ /{_part(x)}/plots/{entity}/**" for x in scenes], name=title
-        )
-        for entity, title in PLOTS.items()
+        _plot(entity, [f"/{_part(label)}/plots/{entity}/**" for label in scenes])
+        for entity in PLOTS
     ]
-    return _arranged(rrb.Horizontal(*views), plots, [3, 1])
+    return _arranged(rrb.Horizontal(*views), rrb.Vertical(*plots), [3, 1])
 
 
 def _arranged(
-    left: rrb.Spatial3DView | rrb.Horizontal, plots: list[rrb.TimeSeriesView], shares: list[int]
+    left: rrb.Spatial3DView | rrb.Horizontal, right: rrb.Vertical, shares: list[int]
 ) -> rrb.Blueprint:
     return rrb.Blueprint(
-        rrb.Horizontal(left, rrb.Vertical(*plots), column_shares=shares),
+        rrb.Horizontal(left, right, column_shares=shares),
         rrb.TimePanel(timeline="time", state="collapsed"),
         collapse_panels=True,
     )

@@ -29,12 +29,17 @@ from sim.gerstner import (
     solve_heights,
     solve_jets,
 )
+from sim.spectrum import WIDEST_SPREAD, equal_energy_frequencies, equal_share_angles
 
 Array = NDArray[np.float64]
 
 ELEVATION_ERROR = 1e-13
 """Error [m] that the solver leaves in an elevation, apart from the round-off of the position. It
 sets the residual at which a point counts as solved (`Sea.residual_tolerance`)."""
+
+
+DEFAULT_SPREAD = np.radians(25.0)
+"""Standard deviation [rad] of the headings of a wind sea: 10 as the exponent in cos^2q."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +138,48 @@ class Sea:
         object.__setattr__(self, "components", components)
         object.__setattr__(self, "residual_tolerance", self._residual_tolerance())
 
+    @classmethod
+    def jonswap(
+        cls,
+        significant_height: float,
+        peak_period: float,
+        gamma: float = 3.3,
+        heading: float = 0.0,
+        spread: float = DEFAULT_SPREAD,
+        waves: int = 40,
+        seed: int = 0,
+        density: float = 1025.0,
+        gravity: float = 9.81,
+        level: float = 0.0,
+    ) -> "Sea":
+        """An irregular sea with the JONSWAP spectrum (see `spectrum`).
+
+        significant_height [m], 4 sqrt(m0); peak_period [s]; gamma: peak enhancement, 1 for a
+        fully developed sea; heading [rad]: the mean one; spread [rad]: standard deviation of the
+        headings, 0 for long crests; waves: how many, all of the same amplitude, each for one of
+        as many bands of equal energy; seed: of their phases and of which wave goes where.
+        Raises ValueError for numbers that cannot be and for waves that fold.
+        """
+        _check_jonswap(significant_height, peak_period, gamma, heading, spread, waves, seed)
+        rng = np.random.default_rng(int(seed))
+        count = int(waves)
+        frequencies = equal_energy_frequencies(peak_period, gamma, count)
+        headings = heading + rng.permutation(equal_share_angles(spread, count))
+        phases = rng.uniform(0.0, 2.0 * np.pi, count)
+        amplitude = significant_height * np.sqrt(1.0 / (8.0 * count))
+        lengths = 2.0 * np.pi * gravity / frequencies**2
+        steepness = float((2.0 * np.pi / lengths).sum() * amplitude)
+        if steepness >= 1.0:
+            raise ValueError(
+                f"the waves of this JONSWAP sea fold: the sum of k a over {count} waves is "
+                f"{steepness:.3f} and must stay below 1; lower the significant height below "
+                f"{significant_height / steepness:.3g} m, raise the peak period above "
+                f"{peak_period * np.sqrt(steepness):.3g} s, or take some "
+                f"{max(1, int(0.9 * count / steepness**2))} waves"
+            )
+        components = zip(lengths, headings, phases, strict=True)
+        return cls([Wave(amplitude, *numbers) for numbers in components], density, gravity, level)
+
     def _component(self, wave: Wave) -> tuple[float, ...]:
         direction_x, direction_y = np.cos(wave.heading), np.sin(wave.heading)
         frequency = np.sqrt(self.gravity * wave.wavenumber) / (2.0 * np.pi)
@@ -152,6 +199,11 @@ class Sea:
         residual r then costs r^2/2 times the curvature."""
         curvature = self.curvature_bound
         return float(np.sqrt(2.0 * ELEVATION_ERROR / curvature)) if curvature > 0.0 else np.inf
+
+    @property
+    def significant_height(self) -> float:
+        """4 sqrt(m0) [m] with m0 = sum a^2 / 2, the variance of the elevation to first order."""
+        return float(4.0 * np.sqrt(sum(0.5 * wave.amplitude**2 for wave in self.waves)))
 
     @property
     def curvature_bound(self) -> float:
@@ -220,6 +272,25 @@ class Sea:
         z = self.level + np.sin(theta) @ amplitude
         return np.concatenate([x, z[..., None]], axis=-1)
 
+    def particle_grid(self, x: ArrayLike, y: ArrayLike, time: float) -> Array:
+        """Positions (I, J, 3) [m] of the particles with labels (x_i, y_j), x: (I,) and y: (J,) [m].
+
+        `particles` on a grid, at the price of its sides: exp(i theta) is a product of one
+        factor for each x and one for each y, and summing over the waves a product of matrices.
+        """
+        columns = self.components.T
+        turns_x = np.outer(x, columns[TURNS_X])
+        turns_y = np.outer(y, columns[TURNS_Y]) + columns[TURNS] - columns[FREQUENCY] * time
+        along_x = np.exp(2j * np.pi * (turns_x - np.round(turns_x)))
+        along_y = columns[AMPLITUDE] * np.exp(2j * np.pi * (turns_y - np.round(turns_y)))
+        positions = np.empty((len(along_x), len(along_y), 3))
+        for axis, direction in enumerate((DIRECTION_X, DIRECTION_Y)):
+            positions[..., axis] = ((along_x * columns[direction]) @ along_y.T).real
+        positions[..., 0] += np.reshape(x, (-1, 1))
+        positions[..., 1] += y
+        positions[..., 2] = self.level + (along_x @ along_y.T).imag
+        return positions
+
     def _angles(self, labels: Array, time: Array) -> Array:
         """theta (..., waves) [rad], within half a turn of 0, of all waves at labels (..., 2)."""
         turns = (
@@ -240,17 +311,39 @@ class Sea:
         return _per_time(solve, x, y, time)
 
 
+def _check_jonswap(
+    height: float, period: float, gamma: float, heading: float, spread: float, waves: int, seed: int
+) -> None:
+    for name, value, unit in (("significant height", height, "m"), ("peak period", period, "s")):
+        if not (np.isfinite(value) and value > 0.0):
+            raise ValueError(f"the {name} is {value} {unit}; it must be finite and above 0")
+    if not (np.isfinite(gamma) and gamma >= 1.0):
+        raise ValueError(f"gamma is {gamma}; it must be finite and 1 or more (3.3 is usual)")
+    if not np.isfinite(heading):
+        raise ValueError(f"the heading is {heading}; it must be a finite number")
+    if not 0.0 <= spread < WIDEST_SPREAD:
+        raise ValueError(
+            f"the spread of the headings is {np.degrees(spread):g} degrees; it must be 0 or more "
+            f"and below {np.degrees(WIDEST_SPREAD):.0f}"
+        )
+    for name, value, least in (("number of waves", waves, 1), ("seed", seed, 0)):
+        if not (np.isfinite(value) and value == int(value) and value >= least):
+            raise ValueError(f"the {name} is {value:g}; it must be a whole number from {least} on")
+
+
 def _per_time(
     solve: Callable[[Array, Array, float], Array], x: ArrayLike, y: ArrayLike, time: ArrayLike
 ) -> Array:
     """Broadcast x, y and time, call solve(x, y, t) with flat x, y once for every distinct
     time (the kernels keep the time out of their inner loops) and put the result in shape."""
+    is_one_time = np.size(time) == 1
     x, y, time = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (x, y, time)))
-    times, which = np.unique(time, return_inverse=True)
-    x, y, which = np.ravel(x), np.ravel(y), np.ravel(which)
-    if times.size == 1:
-        result = solve(x, y, float(times[0]))
+    x, y = np.ravel(x), np.ravel(y)
+    if is_one_time:  # the usual case: sorting the times would cost more than solving
+        result = solve(x, y, float(time.flat[0]) if time.size else 0.0)
     else:
+        times, which = np.unique(time, return_inverse=True)
+        which = np.ravel(which)
         result = np.empty((x.size, *solve(x[:0], y[:0], 0.0).shape[1:]))
         for i, t in enumerate(times):
             result[which == i] = solve(x[which == i], y[which == i], float(t))

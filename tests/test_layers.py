@@ -8,7 +8,8 @@ from independent import REPOSITORY
 
 LAYERS = {
     "gerstner": set(),
-    "sea": {"gerstner"},
+    "spectrum": set(),
+    "sea": {"gerstner", "spectrum"},
     "hull": set(),
     "triangle": {"gerstner"},
     "methods": {"gerstner", "sea", "hull", "triangle"},
@@ -16,7 +17,9 @@ LAYERS = {
     "coupling": {"mjcf", "methods", "sea"},
     "scene": {"coupling"},
     "simulation": {"scene"},
-    "recording": {"simulation", "scene", "hull"},
+    "waterline": {"sea"},
+    "skin": {"simulation", "coupling", "hull", "waterline"},
+    "recording": {"simulation", "scene", "skin", "waterline", "sea"},
     "accuracy": {"methods", "gerstner", "sea", "hull", "triangle"},
 }
 """What each layer may import from the others."""

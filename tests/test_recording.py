@@ -1,18 +1,29 @@
 """Recordings, read back and held against the samples."""
 
+import socket
+
 import numpy as np
 import pytest
+import trimesh
 from rerun.chunk import RrdReader
 
 from independent import MODELS, ROUND_OFF
-from sim import Recorder, Scene, simulate
+from sim import Recorder, Scene, Sea, Tally, Wave, simulate
+from sim.recording import sea_in_words
+from sim.skin import rotation_matrix, shaded_corners
+from sim.waterline import WATERLINE_ERROR
 
 FLOAT32 = 1e-6
 """Relative error of positions: Rerun keeps them in single precision."""
 
 
-def read(path, entity: str, component: str) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Times [s] and values of a component, in order of time; static data has no times."""
+def arrays(strips: list) -> list[np.ndarray]:
+    """Strips of different lengths, each (N, 3)."""
+    return [np.array(strip) for strip in strips]
+
+
+def read(path, entity: str, component: str, convert=np.array) -> tuple[np.ndarray, list]:
+    """Times [s] and converted values of a component, in order of time; static data has no times."""
     rows = []
     for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
         batch = chunk.to_record_batch()
@@ -22,7 +33,7 @@ def read(path, entity: str, component: str) -> tuple[np.ndarray, list[np.ndarray
         if "time" in batch.schema.names:
             times = batch.column("time").cast("int64").to_numpy() * 1e-9
         for time, value in zip(times, batch.column(component).to_pylist(), strict=True):
-            rows.append((time, np.array(value)))
+            rows.append((time, convert(value)))
     rows.sort(key=lambda row: row[0])
     return np.array([time for time, _ in rows]), [value for _, value in rows]
 
@@ -42,12 +53,13 @@ def run(tmp_path_factory):
 
 def test_time_series_are_the_samples(run):
     scene, samples, path = run
+    weights = scene.model.body_mass[scene.buoyancy.bodies] * 9.81
     expected = {
         "plots/height/{}": [s.centres[:, 2] for s in samples],
         "plots/height/{}/water": [s.elevations for s in samples],
         "plots/tilt/{}": [np.degrees(s.tilts) for s in samples],
         "plots/submerged/{}": [s.submerged_fractions for s in samples],
-        "plots/force/{}": [s.body_wrenches[:, 2] for s in samples],
+        "plots/force/{}": [s.body_wrenches[:, 2] / weights for s in samples],
     }
     for i, body in enumerate(scene.buoyancy.body_names):
         for entity, values in expected.items():
@@ -77,38 +89,201 @@ def test_hulls_have_their_own_surface_and_outward_normals(run):
         _, (normals,) = read(path, entity, "Mesh3D:vertex_normals")
         _, (faces,) = read(path, entity, "Mesh3D:triangle_indices")
         hull = f.method.hull
-        np.testing.assert_allclose(vertices, hull.vertices, atol=FLOAT32)
-        np.testing.assert_array_equal(faces, hull.faces)
+        drawn = trimesh.Trimesh(vertices, faces)  # merges the corners of sharp edges
+        assert drawn.is_watertight
+        assert drawn.volume == pytest.approx(hull.volume, rel=1e-4)  # vertices in single precision
+        np.testing.assert_allclose(drawn.bounds, hull.bounds, atol=FLOAT32)
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=FLOAT32)
-        outward = np.einsum("fi,fi->f", hull.area_vectors, normals[faces].mean(axis=1))
-        assert outward.sum() > 0.5 * np.linalg.norm(hull.area_vectors, axis=1).sum()
+        flat = np.cross(*np.moveaxis(vertices[faces][:, 1:] - vertices[faces][:, :1], 1, 0))
+        along = np.einsum("fi,fci->fc", flat, normals[faces])
+        assert (along > 0.5 * np.linalg.norm(flat, axis=1)[:, None]).mean() > 0.99
         _, (place,) = read(path, entity, "Transform3D:translation")
         body = scene.model.body(f.body)
         np.testing.assert_allclose(np.ravel(place), body.ipos, atol=FLOAT32)
 
 
-def test_water_is_the_surface_that_pushes_and_stays_around_the_bodies(run):
+def test_water_is_made_of_the_particles_of_the_surface_that_pushes(run):
+    """On the surface, around the bodies, and moving as particles do: with the water's velocity."""
     scene, samples, path = run
     _, frames = read(path, "world/water", "Mesh3D:vertex_positions")
     assert len(frames) == len(samples)
+    sea, moved = scene.buoyancy.sea, 0
     for points, sample in zip(frames, samples, strict=True):
         x, y, z = points.astype(float).T
-        heights = scene.buoyancy.sea.elevation(x, y, sample.time)
-        np.testing.assert_allclose(z, heights, atol=10 * FLOAT32)
+        np.testing.assert_allclose(z, sea.elevation(x, y, sample.time), atol=10 * FLOAT32)
         low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
         assert (sample.centres[:, :2] > low + 1.0).all()
         assert (sample.centres[:, :2] < high - 1.0).all()
+    for before, after, s, t in zip(frames, frames[1:], samples, samples[1:], strict=False):
+        step = (after - before) / (t.time - s.time)
+        if np.abs(step[:, :2]).max() < 2.0:  # else the grid went on by a cell
+            middle = 0.5 * (before + after)
+            velocity = sea.velocity(middle[:, 0], middle[:, 1], 0.5 * (s.time + t.time))
+            midpoint_rule = 0.02  # m/s, at 30 Hz
+            np.testing.assert_allclose(step, velocity, atol=midpoint_rule)
+            moved += 1
+    assert moved > 0.8 * len(samples)
+
+
+def test_waterline_is_on_the_sea_and_on_the_drawn_hulls(run):
+    scene, samples, path = run
+    _, frames = read(path, "world/waterline", "LineStrips3D:strips", arrays)
+    assert len(frames) == len(samples)
+    b, around_the_cube = scene.buoyancy.body_names.index("cube"), 0
+    for strips, sample in zip(frames, samples, strict=True):
+        for strip in strips:
+            x, y, z = strip.astype(float).T
+            heights = scene.buoyancy.sea.elevation(x, y, sample.time)
+            np.testing.assert_allclose(z, heights, atol=WATERLINE_ERROR + 10 * FLOAT32)
+            np.testing.assert_array_equal(strip[0], strip[-1])
+            from_cube = strip - sample.positions[b]
+            if np.linalg.norm(from_cube, axis=1).max() < 1.0:  # the others are 2 m away
+                in_cube = from_cube @ rotation_matrix(sample.quaternions[b])
+                np.testing.assert_allclose(np.abs(in_cube).max(axis=1), 0.5, atol=2 * FLOAT32)
+                around_the_cube += len(strip)
+    assert around_the_cube > 40 * 30  # 12 edges along a side, for half the frames
+
+
+def test_wet_vertices_are_darker_than_dry_ones(run):
+    scene, samples, path = run
+    entity = "world/bodies/cube/cube"
+    _, (corners,) = read(path, entity, "Mesh3D:vertex_positions")
+    _, colours = read(path, entity, "Mesh3D:vertex_colors")
+    assert len(colours) == len(samples)
+    sea, b = scene.buoyancy.sea, scene.buoyancy.body_names.index("cube")
+    for packed, sample in zip(colours, samples, strict=True):
+        rotation = rotation_matrix(sample.quaternions[b])
+        x, y, z = (corners @ rotation.T + sample.positions[b]).T
+        head = sea.elevation(x, y, sample.time) - z
+        red = packed >> 24
+        assert (red[head > 0.06] < 160).all()
+        assert (red[head < -0.06] > 230).all()
+
+
+def test_camera_follows_the_bodies_and_trails_lie_behind_them(run):
+    _, samples, path = run
+    _, focus = read(path, "world/focus", "Transform3D:translation")
+    for place, sample in zip(focus, samples, strict=True):
+        expected = [*sample.centres[:, :2].mean(axis=0), 0.0]
+        np.testing.assert_allclose(np.ravel(place), expected, atol=FLOAT32)
+    _, trails = read(path, "world/trail", "LineStrips3D:strips", arrays)
+    for i, trail in enumerate(trails):
+        for body, strip in enumerate(trail):
+            centres = [s.centres[body] for s in samples[: i + 1]]
+            np.testing.assert_allclose(strip, centres, atol=FLOAT32)
+
+
+def test_overview_tells_the_scene_and_at_the_end_the_means(run):
+    scene, samples, path = run
+    _, texts = read(path, "overview", "TextDocument:text")
+    before, after = (str(text[0]) for text in texts)
+    for expected in ("trio", "2 ms", "0.06 x 2.4 m", "bunny: 3,674 faces", "linear"):
+        assert expected in before
+    assert after.startswith(before)
+    tally = Tally(scene)
+    for sample in samples:
+        tally.add(sample)
+    assert f"| dragon | {tally.bodies()['dragon']['mean_height']:.3f} |" in after
+
+
+def test_overview_of_other_seas():
+    assert sea_in_words(Sea()) == "still water"
+    many = Sea([Wave(0.01, length) for length in np.linspace(2.0, 9.0, 8)])
+    assert sea_in_words(many).startswith("8 waves of 2 to 9 m, significant height 0.08 m")
+
+
+def test_frames_come_at_the_recording_rate_and_the_water_has_its_size(tmp_path):
+    scene, path = Scene.load(MODELS / "cube.xml"), tmp_path / "cube.rrd"
+    scene.data.time = 7.0
+    with Recorder(path, scene, rate=10.0, water_size=4.0, water_resolution=9) as recorder:
+        for sample in simulate(scene, 1.0, rate=30.0):
+            recorder.log(sample)
+    times, frames = read(path, "world/water", "Mesh3D:vertex_positions")
+    np.testing.assert_allclose(
+        times, 7.0 + np.arange(11) / 10.0, atol=0.002
+    )  # one step of the scene
+    sea, cell = scene.buoyancy.sea, 0.5
+    for time, points in zip(times, frames, strict=True):
+        labels = sea.labels(points[:, 0], points[:, 1], time)
+        assert len(labels) == 81
+        np.testing.assert_allclose(np.ptp(labels, axis=0), 4.0, atol=1e-5)
+        np.testing.assert_allclose(labels / cell, np.round(labels / cell), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        (dict(rate=0.0), "recording rate is 0.0"),
+        (dict(water_size=np.nan), "size of the water is nan"),
+        (dict(water_resolution=1), "resolution is 1 vertices"),
+    ],
+)
+def test_numbers_that_cannot_be_are_refused(numbers, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"), **numbers)
+    assert not list(tmp_path.iterdir())
+
+
+def test_many_bodies_cost_no_shading_and_only_the_first_are_plotted(tmp_path, monkeypatch):
+    from scenes import CUBE, model
+
+    monkeypatch.setattr("sim.recording.MOST_SHADED_VERTICES", 100)
+    names = tuple(f"cube{i}" for i in range(8))
+    bodies = "".join(
+        CUBE.replace('"cube"', f'"{name}"').replace("0 0 0", f"{2 * i} 0 0")
+        for i, name in enumerate(names)
+    )
+    scene, path = Scene.from_model(model(bodies, names)), tmp_path / "many.rrd"
+    with Recorder(path, scene) as recorder:
+        for sample in simulate(scene, 0.1):
+            recorder.log(sample)
+    _, colours = read(path, "world/bodies/cube0/cube0", "Mesh3D:vertex_colors")
+    assert colours == []
+    _, (albedo,) = read(path, "world/bodies/cube0/cube0", "Mesh3D:albedo_factor")
+    assert albedo.item() == 0x808080FF  # MuJoCo's own grey
+    _, waterline = read(path, "world/waterline", "LineStrips3D:strips", arrays)
+    assert len(waterline[0]) == 8
+    _, trails = read(path, "world/trail", "LineStrips3D:strips", arrays)
+    assert trails == []
+    _, (text, _) = read(path, "overview", "TextDocument:text")
+    assert "and 2 more" in str(text)
+    times, _ = read(path, "plots/height/cube7", "Scalars:scalars")
+    assert len(times[np.isfinite(times)]) == 4
+
+
+def test_viewing_without_a_screen_says_so_and_leaves_nothing(tmp_path, monkeypatch):
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        monkeypatch.setattr("sim.recording.VIEWER_PORT", probe.getsockname()[1])
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(OSError, match="there is no screen for the viewer"):
+        Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"), view=True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_sharp_edges_are_drawn_sharp_and_smooth_ones_smooth():
+    box = trimesh.creation.box()
+    vertex, faces, normals = shaded_corners(np.array(box.vertices), np.array(box.faces))
+    np.testing.assert_allclose(np.abs(normals).max(axis=1), 1.0)
+    assert len(vertex) == 36
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    vertex, faces, normals = shaded_corners(np.array(ball.vertices), np.array(ball.faces))
+    np.testing.assert_array_equal(vertex[faces], ball.faces)
+    facets = 0.02  # of about 8 degrees
+    np.testing.assert_allclose(normals, ball.vertices[vertex], atol=facets)
 
 
 def test_arrows_are_forces_at_the_centres_of_mass(run):
     scene, samples, path = run
     _, buoyancy = read(path, "world/forces/buoyancy", "Arrows3D:vectors")
-    _, weight = read(path, "world/forces/weight", "Arrows3D:vectors")
+    _, (weight,) = read(path, "world/forces/weight", "Arrows3D:vectors")
     _, origins = read(path, "world/forces/buoyancy", "Arrows3D:origins")
     weights = scene.model.body_mass[scene.buoyancy.bodies] * 9.81
-    for up, down, origin, sample in zip(buoyancy, weight, origins, samples, strict=True):
+    scale = -weight[:, 2] / weights
+    for up, origin, sample in zip(buoyancy, origins, samples, strict=True):
         np.testing.assert_allclose(origin, sample.centres, atol=FLOAT32)
-        scale = -down[:, 2] / weights
         expected = sample.body_wrenches[:, :3] * scale[:, None]
         np.testing.assert_allclose(up, expected, atol=10 * FLOAT32)
 

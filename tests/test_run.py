@@ -69,6 +69,14 @@ BROKEN = {
     "no number": ([MODELS / "cube.xml", "--rate", "fast"], "--rate: invalid positive value"),
     "infinite": ([MODELS / "cube.xml", "--timestep", "inf"], "--timestep: inf is not"),
     "no tolerance": ([MODELS / "cube.xml", "--tolerance", "-1"], "--tolerance: -1 is not"),
+    "rate of frames": (
+        [MODELS / "cube.xml", "--record-rate", "60"],
+        "--record-rate 60 is above the 30 samples a second that there are; raise --rate",
+    ),
+    "no water": (
+        [MODELS / "cube.xml", "--water-resolution", "1"],
+        "resolution is 1 vertices along a side; it must be 2 or more",
+    ),
     "unknown option": ([MODELS / "cube.xml", "--fast"], "unrecognized arguments: --fast"),
     "unwritable": ([MODELS / "cube.xml", "--record", "broken.xml/a.rrd"], "broken.xml"),
     "unwritable summary": ([MODELS / "cube.xml", "--json", "none/a.json"], "none/a.json"),
@@ -87,6 +95,20 @@ def test_unusable_input_gives_one_line_and_status_2(case, tmp_path):
     assert message in result.stderr
     assert result.stderr.count("\n") == 1
     assert sorted(tmp_path.rglob("*")) == before  # and nothing is left behind
+
+
+def test_recording_has_the_rate_and_the_water_asked_for(tmp_path):
+    asked = ("--record-rate", 10, "--water-size", 4, "--water-resolution", 9)
+    result = run(MODELS / "cube.xml", "--duration", 1, *asked, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    rows = []
+    for chunk in RrdReader(tmp_path / "recordings" / "cube.rrd").stream():
+        if chunk.entity_path == "/world/water" and not chunk.is_static:
+            rows += chunk.to_record_batch().column("Mesh3D:vertex_positions").to_pylist()
+    assert len(rows) == 11
+    points = np.array(rows[0])
+    assert len(points) == 81
+    assert np.ptp(points, axis=0)[:2] == pytest.approx(4.0, abs=0.4)  # particles stray 0.19 m
 
 
 def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path):

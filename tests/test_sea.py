@@ -137,6 +137,14 @@ def test_hessian_is_symmetric_and_elevation_comes_from_the_same_solve():
     )
 
 
+def test_a_grid_of_particles_is_those_particles():
+    x, y = np.linspace(-3.0, 5.0, 7), np.linspace(1.0, 2.0, 4)
+    labels = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    for sea in (three_waves(0.6), Sea(level=0.3)):
+        expected = sea.particles(labels, 2.3)
+        np.testing.assert_allclose(sea.particle_grid(x, y, 2.3), expected, atol=MAP_ROUND_OFF)
+
+
 def test_velocity_is_the_particles_own():
     sea = three_waves(0.6)
     x, y = np.random.default_rng(8).uniform(-3.0, 3.0, (2, 100))

@@ -1,0 +1,83 @@
+"""Make the pictures of the scenes in models/pictures/ again, from recordings made for it.
+
+    python scripts/make_pictures.py              # all of them
+    python scripts/make_pictures.py bunny trio   # some
+
+Needs what scripts/snapshot.py needs.
+"""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+from snapshot import main as snapshot
+
+from sim import Recorder, Scene, simulate
+
+MODELS = Path(__file__).resolve().parents[1] / "models"
+
+TIMES = {
+    "bunny": 4.75,
+    "trio": 4.6,
+    "cube": 2.0,
+    "dragon": 3.0,
+    "wigley": 4.0,
+    "topheavy": 0.85,
+    "spar": 5.0,
+    "articulated": 4.2,
+    "spheres": 2.5,
+}
+"""Scenes and the simulated seconds after which each looks its best."""
+
+LOOKING_ON = 1.0
+"""Seconds recorded after that, so that the plots go on."""
+
+WINDOW = (1600, 900)
+LARGE, SMALL = (1000, 562), (720, 405)
+"""Sizes [pixels] of the window, of the README's pictures and of the others."""
+
+IN_README = ("bunny", "trio")
+
+
+def make_picture(name: str, output: Path) -> int:
+    """Record a scene, take its picture and shrink it; return the exit status of snapshot.py."""
+    scene = Scene.load(MODELS / f"{name}.xml")
+    with tempfile.TemporaryDirectory() as folder:
+        recording, picture = Path(folder) / "run.rrd", Path(folder) / "picture.png"
+        with Recorder(recording, scene) as recorder:
+            for sample in simulate(scene, TIMES[name] + LOOKING_ON):
+                recorder.log(sample)
+        size = ["--width", str(WINDOW[0]), "--height", str(WINDOW[1])]
+        asked = [str(recording), "--time", str(TIMES[name]), "--output", str(picture), *size]
+        if status := snapshot(asked):
+            return status
+        image = Image.open(picture).convert("RGB")
+        image = image.resize(LARGE if name in IN_README else SMALL, Image.Resampling.LANCZOS)
+        output.parent.mkdir(parents=True, exist_ok=True)
+        image.save(output, optimize=True)
+    print(f"{output}: {output.stat().st_size / 1e3:.0f} kB")
+    return 0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(TIMES)}")
+    parser.add_argument(
+        "--output", type=Path, default=MODELS / "pictures", metavar="FOLDER", help="models/pictures"
+    )
+    options = parser.parse_args(arguments)
+    unknown = sorted(set(options.scenes) - set(TIMES))
+    if unknown:
+        parser.error(f"no scene {', '.join(unknown)}; there are {', '.join(TIMES)}")
+    statuses = (
+        make_picture(name, options.output / f"{name}.png")
+        for name in TIMES
+        if name in (options.scenes or TIMES)
+    )
+    return next((status for status in statuses if status), 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

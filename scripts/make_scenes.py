@@ -1,0 +1,143 @@
+"""Make what is generated in models/: the Wigley hull's mesh and the scene of a hundred spheres.
+
+    python scripts/make_scenes.py                      # the files as they are in models/
+    python scripts/make_scenes.py --stations 80 --output /tmp/finer
+
+The Wigley hull (Wigley 1934) is the ship whose hydrostatics are known in closed form: parabolas
+along and down,
+
+    y = +- B/2 (1 - (2x/L)^2) (1 - (z/T)^2)    for -T <= z <= 0,
+
+with vertical sides from the waterline up to the deck, here L : B : T = 10 : 1 : 0.625.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+MODELS = Path(__file__).resolve().parents[1] / "models"
+
+LENGTH, BEAM, DRAFT, FREEBOARD = 10.0, 1.0, 0.625, 0.4  # [m]
+
+STATIONS = 40
+"""Pieces of the Wigley hull's length; it has about 1.2 of their square in faces."""
+
+SPHERES_A_SIDE, SPHERE_SPACING, SPHERE_RADIUS = 10, 0.9, 0.3  # [m]
+COLOURS = ("0.90 0.36 0.24", "0.93 0.69 0.13", "0.92 0.90 0.84", "0.34 0.66 0.52")
+
+
+def wigley(stations: int = STATIONS) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices (V, 3) [m] and faces (F, 3) of the Wigley hull, closed and outward; x forwards, the
+    design waterline at z = 0. Below it there are a quarter as many rows as stations."""
+    x = np.linspace(-0.5 * LENGTH, 0.5 * LENGTH, stations + 1)
+    below = np.linspace(-DRAFT, 0.0, max(2, stations // 4) + 1)
+    z = np.concatenate([below, np.linspace(0.0, FREEBOARD, max(1, stations // 10) + 1)[1:]])
+    width = 1.0 - (np.minimum(z, 0.0) / DRAFT) ** 2
+    y = 0.5 * BEAM * np.outer(1.0 - (2.0 * x / LENGTH) ** 2, width)
+    y[[0, -1]], y[:, 0] = 0.0, 0.0  # stems and keel, free of round-off
+    port = np.stack(np.broadcast_arrays(x[:, None], y, z[None, :]), axis=-1)
+    starboard = port * [1.0, -1.0, 1.0]
+    deck = np.stack([starboard[:, -1], port[:, -1]], axis=1)
+    pieces = [triangles(starboard), triangles(port[:, ::-1]), triangles(deck)]
+    vertices, corner = np.unique(np.concatenate(pieces).reshape(-1, 3), axis=0, return_inverse=True)
+    faces = corner.reshape(-1, 3)
+    has_area = (faces != np.roll(faces, 1, axis=1)).all(axis=1)  # at stems and keel some have none
+    return vertices, faces[has_area]
+
+
+def triangles(grid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Triangles (N, 3, 3) of a grid of points (I, J, 3), counterclockwise as i goes to j."""
+    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+    halves = [np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]
+    return np.concatenate([half.reshape(-1, 3, 3) for half in halves])
+
+
+def wigley_obj(stations: int = STATIONS) -> str:
+    """The mesh as the text of an OBJ file."""
+    vertices, faces = wigley(stations)
+    lines = [f"# Wigley hull, {stations} stations; made by scripts/make_scenes.py"]
+    lines += ["v {:.7f} {:.7f} {:.7f}".format(*(vertex + 0.0)) for vertex in vertices]
+    lines += ["f {} {} {}".format(*(face + 1)) for face in faces]
+    return "\n".join(lines) + "\n"
+
+
+SPHERES = """<!-- A hundred spheres of 1280 faces each, which collide, in an irregular sea.
+     Made by scripts/make_scenes.py. CG instead of Newton as the solver of contacts: MuJoCo's sparse
+     Newton, which it takes by itself for so many degrees of freedom, has a bug in 4.0.0.
+     The joints' damping (N s/m and N m s/rad) stands in for the water's drag. -->
+<mujoco model="spheres">
+  <option timestep="0.005" integrator="implicitfast" solver="CG"/>
+
+  <custom>
+    <numeric name="water_density" data="1025"/> <!-- kg/m^3 -->
+    <!-- significant height m, peak period s, gamma, heading deg, spread deg, waves, seed -->
+    <numeric name="sea_jonswap" data="0.5 3.5 3.3 0 25 12 1"/>
+    <text name="buoyancy_method" data="linear"/>
+    <tuple name="buoyant">
+{elements}
+    </tuple>
+  </custom>
+
+  <default>
+    <joint damping="20"/>
+    <geom type="sphere" size="{radius:g}"/>
+  </default>
+
+  <worldbody>
+    <light directional="true" dir="-0.4 0.3 -1" diffuse="0.8 0.8 0.8"/>
+{bodies}
+  </worldbody>
+
+  <keyframe>
+    <key name="start" qpos="{start}"/>
+  </keyframe>
+</mujoco>
+"""
+
+
+def spheres_xml() -> str:
+    """The scene of the spheres: a square of them, of densities 300 to 700 kg/m^3, dropped."""
+    rng = np.random.default_rng(0)
+    elements, bodies, start = [], [], []
+    middle = 0.5 * (SPHERES_A_SIDE - 1)
+    for i, j in np.ndindex(SPHERES_A_SIDE, SPHERES_A_SIDE):
+        name, colour = f"ball_{i}_{j}", COLOURS[rng.integers(len(COLOURS))]
+        x, y = SPHERE_SPACING * (i - middle), SPHERE_SPACING * (j - middle)
+        z, density = rng.uniform(0.4, 0.9), rng.uniform(300.0, 700.0)
+        elements.append(f'      <element objtype="geom" objname="{name}" prm="0"/>')
+        bodies.append(
+            f'    <body name="{name}"><joint type="free"/>'
+            f'<geom name="{name}" density="{density:.0f}" rgba="{colour} 1"/></body>'
+        )
+        start.append(f"{x:g} {y:g} {z:.2f} 1 0 0 0")
+    return SPHERES.format(
+        elements="\n".join(elements),
+        bodies="\n".join(bodies),
+        start="  ".join(start),
+        radius=SPHERE_RADIUS,
+    )
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "--stations", type=int, default=STATIONS, metavar="N", help=f"of the hull ({STATIONS})"
+    )
+    parser.add_argument(
+        "--output", type=Path, default=MODELS, metavar="FOLDER", help="default: models/"
+    )
+    options = parser.parse_args(arguments)
+    if options.stations < 2:
+        parser.error(f"--stations {options.stations}: a hull takes 2 or more")
+    contents = {"meshes/wigley.obj": wigley_obj(options.stations), "spheres.xml": spheres_xml()}
+    for name, text in contents.items():
+        path = options.output / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        print(path)
+
+
+if __name__ == "__main__":
+    main()

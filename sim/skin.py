@@ -1,0 +1,154 @@
+"""Skin: the surfaces of a scene's hulls as they are drawn.
+
+Long edges are halved so that a waterline can bend between them, sharp edges get normals of
+their own, and all hulls lie in one set of arrays, so that a hundred of them cost few calls.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.coupling import Buoyancy
+from sim.hull import Hull
+from sim.simulation import Sample
+from sim.waterline import refined
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+EDGES_IN_A_HULL = 12
+"""Edges along a drawn hull's longest side, at least: so finely its waterline bends."""
+
+SHARP_EDGE = float(np.cos(np.radians(30.0)))
+"""Cosine of the angle between a face's normal and the mean one at its corner beyond which the
+corner is drawn sharp. A box has 45 degrees at its edges and 35 or more at its corners."""
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """A hull's drawn surface.
+
+    name, body: of its geom, the id of its body; rgba: (4,) in 0 ... 255; size [m]: diagonal of
+    the hull's box; edge [m]: no drawn edge is longer; vertices: where its own are among
+    those of all skins.
+
+    What is drawn: corners (N, 3) [m] in the body's inertial frame, corner_normals (N, 3),
+    corner_faces (F, 3), and corner_vertices (N,), the vertex at each corner, counted from 0 in
+    this hull. Vertices on sharp edges have several corners.
+    """
+
+    name: str
+    body: int
+    rgba: Array
+    size: float
+    edge: float
+    vertices: slice
+    corners: Array
+    corner_normals: Array
+    corner_faces: Indices
+    corner_vertices: Indices
+
+
+class Skins:
+    """The skins of all hulls of a scene, in the order of `buoyancy.floats`.
+
+    faces: (F, 3) of all of them, indices into the (V, 3) vertices that `placed` gives.
+    """
+
+    def __init__(self, buoyancy: Buoyancy) -> None:
+        self._bodies = buoyancy.float_bodies
+        self._skins: list[Skin] = []
+        self._in_body: list[Array] = []
+        faces, count = [], 0
+        for f in buoyancy.floats:
+            skin, vertices, own_faces = _skin(buoyancy, f.name, f.body, f.method.hull, count)
+            body = buoyancy.model.body(f.body)
+            self._skins.append(skin)
+            self._in_body.append(vertices @ rotation_matrix(body.iquat).T + body.ipos)
+            faces.append(own_faces + count)
+            count = skin.vertices.stop
+        self.faces = np.concatenate(faces)
+        self.vertex_count = count
+
+    def __iter__(self) -> Iterator[Skin]:
+        return iter(self._skins)
+
+    def of_bodies(self) -> list[Skin]:
+        """The largest skin of each body, in the order of `buoyancy.bodies`."""
+        largest: dict[int, Skin] = {}
+        for skin in sorted(self._skins, key=lambda s: s.size):
+            largest[skin.body] = skin
+        return [largest[body] for body in sorted(largest)]
+
+    def placed(self, sample: Sample) -> Array:
+        """Vertices (V, 3) [m] of all skins in world axes."""
+        rotations = [rotation_matrix(q) for q in sample.quaternions]
+        points = np.empty((self.vertex_count, 3))
+        for skin, vertices, b in zip(self._skins, self._in_body, self._bodies, strict=True):
+            points[skin.vertices] = vertices @ rotations[b].T + sample.positions[b]
+        return points
+
+
+def _skin(
+    buoyancy: Buoyancy, name: str, body: int, hull: Hull, first: int
+) -> tuple[Skin, Array, Indices]:
+    """The skin of a hull whose vertices begin at `first`, and its refined surface."""
+    sides = np.ptp(hull.bounds, axis=0)
+    edge = float(sides.max()) / EDGES_IN_A_HULL
+    vertices, faces = refined(hull.vertices, hull.faces, edge)
+    corner_vertices, corner_faces, normals = shaded_corners(vertices, faces)
+    skin = Skin(
+        name=name,
+        body=body,
+        rgba=255.0 * buoyancy.model.geom(name).rgba,
+        size=float(np.linalg.norm(sides)),
+        edge=edge,
+        vertices=slice(first, first + len(vertices)),
+        corners=vertices[corner_vertices],
+        corner_normals=normals,
+        corner_faces=corner_faces,
+        corner_vertices=corner_vertices,
+    )
+    return skin, vertices, faces
+
+
+def shaded_corners(vertices: Array, faces: Indices) -> tuple[Indices, Indices, Array]:
+    """Corners of a surface for drawing: the vertex of each (N,), faces (F, 3) of corners and
+    outward unit normals (N, 3).
+
+    A vertex has one corner, with the mean normal of its faces by their area; but one for each of
+    its faces, with that face's own, if any of them is too steep to the mean (SHARP_EDGE).
+    """
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    area_vectors = np.cross(b - a, c - a)
+    smooth = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(smooth, faces[:, corner], area_vectors)
+    smooth, flat = _unit(smooth)[faces], np.repeat(_unit(area_vectors)[:, None], 3, axis=1)
+    too_steep = faces[np.einsum("fci,fci->fc", smooth, flat) < SHARP_EDGE]
+    is_sharp = np.isin(faces, too_steep)
+    owner = np.where(is_sharp, np.arange(len(faces))[:, None], -1)
+    keys = np.column_stack([faces.ravel(), owner.ravel()])
+    corners, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    normals = np.where(is_sharp[..., None], flat, smooth).reshape(-1, 3)[first]
+    return corners[:, 0], which.reshape(-1, 3), normals
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors (N, 3) at length 1; those without a length stay as they are."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(lengths > 0.0, lengths, 1.0)
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Rotation (3, 3), body -> world, of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )

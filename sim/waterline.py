@@ -1,0 +1,128 @@
+"""Waterline: where the sea's surface meets a hull's, as closed curves.
+
+Heads at the vertices tell wet from dry. Every edge with one end in each holds a point of the
+curve, found on the true surface, waves and all; from triangle to triangle these points follow
+one another until the curve closes, because the hull does. Between its points the curve is
+drawn straight, so a hull of large triangles is `refined` first.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.sea import Sea
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+WATERLINE_ERROR = 1e-5
+"""Head [m] that a point of the waterline may be left with: far below what a picture shows."""
+
+BRACKET_STEPS = 60
+"""Steps after which a point is left as it is; some 4 suffice, and plain halving would take 17."""
+
+
+def heads(sea: Sea, points: Array, time: float) -> Array:
+    """Depths (N,) [m] of points (N, 3) [m], world axes, below the instantaneous surface.
+
+    Where no crest or trough can reach the point, the depth below the still level instead: right
+    in sign, and no elevation is solved.
+    """
+    depths = sea.level - points[:, 2]
+    near = np.flatnonzero(np.abs(depths) <= sea.amplitude)
+    x, y, z = points[near].T
+    depths[near] = sea.elevation(x, y, time) - z
+    return depths
+
+
+def waterlines(
+    sea: Sea, time: float, vertices: Array, faces: Indices, depths: Array
+) -> list[Array]:
+    """Closed curves (N, 3) [m] along which the sea cuts closed surfaces; the last point is the
+    first again, and the wet side lies to the right as seen from outside.
+
+    vertices: (V, 3) [m], world axes; faces: (F, 3), of one or more closed surfaces, outward;
+    depths: (V,), their `heads`. A point lies on an edge to round-off and on the sea's surface to
+    WATERLINE_ERROR.
+    """
+    a, b, c = np.take(depths > 0.0, faces.T)
+    cut = faces[(a != b) | (b != c)]
+    wet = depths[cut] > 0.0
+    # Around a triangle the water begins on one edge and ends on another; the neighbour across an
+    # edge runs along it the other way, so where a curve leaves one triangle it enters the next.
+    rows, following = np.arange(len(cut)), np.roll(wet, -1, axis=1)
+    begins = np.argmax(~wet & following, axis=1)
+    ends = np.argmax(wet & ~following, axis=1)
+    dry_end, wet_end = cut[rows, begins], cut[rows, (begins + 1) % 3]
+    entered = dry_end * len(vertices) + wet_end
+    left = cut[rows, (ends + 1) % 3] * len(vertices) + cut[rows, ends]
+    order = np.argsort(entered)
+    successor = order[np.searchsorted(entered[order], left)]
+    points = _crossings(
+        sea, time, vertices[dry_end], vertices[wet_end], depths[dry_end], depths[wet_end]
+    )
+    return [points[cycle + cycle[:1]] for cycle in _cycles(successor.tolist())]
+
+
+def _crossings(
+    sea: Sea, time: float, dry: Array, wet: Array, dry_depths: Array, wet_depths: Array
+) -> Array:
+    """Point (N, 3) of the surface between each dry and wet point: bracketed secants that weigh
+    an end down when it stays put (the Illinois rule: Dowell and Jarratt 1971)."""
+    low, high = np.zeros(len(dry)), np.ones(len(dry))
+    below, above = dry_depths.copy(), wet_depths.copy()
+    side = np.zeros(len(dry))
+    for _ in range(BRACKET_STEPS):
+        fraction = (low * above - high * below) / (above - below)
+        points = dry + fraction[:, None] * (wet - dry)
+        depths = sea.elevation(points[:, 0], points[:, 1], time) - points[:, 2]
+        if (np.abs(depths) < WATERLINE_ERROR).all():
+            break
+        now = np.where(depths > 0.0, 1.0, -1.0)
+        below = np.where(now < 0.0, depths, np.where(side == now, 0.5 * below, below))
+        above = np.where(now > 0.0, depths, np.where(side == now, 0.5 * above, above))
+        low, high = np.where(now < 0.0, fraction, low), np.where(now > 0.0, fraction, high)
+        side = now
+    return points
+
+
+def _cycles(successor: list[int]) -> list[list[int]]:
+    """The cycles of a permutation."""
+    cycles, seen = [], bytearray(len(successor))
+    for start in range(len(successor)):
+        cycle, at = [], start
+        while not seen[at]:
+            seen[at] = 1
+            cycle.append(at)
+            at = successor[at]
+        if cycle:
+            cycles.append(cycle)
+    return cycles
+
+
+def refined(vertices: Array, faces: Indices, longest: float) -> tuple[Array, Indices]:
+    """The same closed surface with no edge longer than `longest` [m]: vertices (V, 3), faces
+    (F, 3). What needs no refining stays as it is.
+
+    Halves edges that are the longest of both their triangles, as often as needed, so that the
+    surface stays closed and no triangle gets thinner than it must (Rivara 1984).
+    """
+    while True:
+        ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1), axis=-1)
+        edges, of_face = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
+        of_face = of_face.reshape(-1, 3)
+        lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
+        # Ranks instead of lengths: of two edges that are equally long one must come first.
+        rank = np.argsort(np.argsort(lengths, kind="stable"), kind="stable")
+        longest_of_face = np.argmax(rank[of_face], axis=1)
+        chosen = of_face[np.arange(len(faces)), longest_of_face]
+        is_split = (np.bincount(chosen, minlength=len(edges)) == 2) & (lengths > longest)
+        if not is_split.any():
+            return vertices, faces
+        middle = len(vertices) + np.cumsum(is_split) - 1
+        vertices = np.vstack([vertices, vertices[edges[is_split]].mean(axis=1)])
+        halved = is_split[chosen]
+        turn = (longest_of_face[halved, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(faces[halved], turn, axis=1).T
+        m = middle[chosen[halved]]
+        halves = [np.column_stack([a, m, c]), np.column_stack([m, b, c])]
+        faces = np.concatenate([faces[~halved], *halves])

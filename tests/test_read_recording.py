@@ -1,0 +1,54 @@
+"""scripts/read_recording.py: series read back are the samples'."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from independent import MODELS, REPOSITORY
+from sim import Recorder, Scene, simulate
+
+_spec = importlib.util.spec_from_file_location(
+    "read_recording", REPOSITORY / "scripts" / "read_recording.py"
+)
+read_recording = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(read_recording)
+
+
+def test_series_are_the_samples_and_go_into_arrays(tmp_path, capsys):
+    path = tmp_path / "cube.rrd"
+    scene, samples = Scene.load(MODELS / "cube.xml"), []
+    with Recorder(path, scene) as recorder:
+        for sample in simulate(scene, 2.5):
+            recorder.log(sample)
+            samples.append(sample)
+    series = read_recording.read_series(path)
+    names = {"height/cube", "height/cube/water", "tilt/cube", "submerged/cube", "force/cube"}
+    assert set(series) == names
+    expected = {
+        "height/cube": [s.centres[0, 2] for s in samples],
+        "height/cube/water": [s.elevations[0] for s in samples],
+        "tilt/cube": [np.degrees(s.tilts[0]) for s in samples],
+    }
+    for name, values in expected.items():
+        np.testing.assert_array_equal(series[name][1], values)
+        np.testing.assert_allclose(series[name][0], [s.time for s in samples], atol=1e-9)
+    assert read_recording.main([str(path), "--output", str(tmp_path / "cube.npz")]) == 0
+    assert "height/cube: 76 values from 0.000 to 2.500 s" in capsys.readouterr().out
+    arrays = np.load(tmp_path / "cube.npz")
+    assert set(arrays.files) == names
+    np.testing.assert_array_equal(arrays["tilt/cube"], np.stack(series["tilt/cube"]))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "there is no recording"), (b"junk", "is no recording that can be read")],
+)
+def test_unusable_files_give_one_line_and_status_2(content, message, tmp_path, capsys):
+    path = tmp_path / "a.rrd"
+    if content is not None:
+        path.write_bytes(content)
+    assert read_recording.main([str(path)]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1

@@ -1,0 +1,131 @@
+"""The waterline: on the hull, on the sea, closed, and known circles."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from independent import load_mesh, meshes, random_rotation, three_waves, volume_below
+from sim import Sea
+from sim.waterline import WATERLINE_ERROR, heads, refined, waterlines
+
+ROUND_OFF = 1e-12
+
+
+def curves(sea: Sea, mesh: trimesh.Trimesh, time: float = 0.0) -> list[np.ndarray]:
+    vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
+    return waterlines(sea, time, vertices, faces, heads(sea, vertices, time))
+
+
+def placed(mesh: trimesh.Trimesh, seed: int) -> trimesh.Trimesh:
+    rng = np.random.default_rng(seed)
+    mesh = mesh.copy()
+    mesh.vertices = mesh.vertices @ random_rotation(rng).T + rng.uniform(-0.2, 0.2, 3)
+    return mesh
+
+
+@pytest.mark.parametrize("name", meshes())
+@pytest.mark.parametrize("seed", range(3))
+def test_points_lie_on_the_hull_and_on_the_sea_and_curves_close(name, seed):
+    sea, mesh = three_waves(), placed(meshes()[name], seed)
+    found = curves(sea, mesh, time=0.4 * seed)
+    assert found
+    points = np.concatenate(found)
+    x, y, z = points.T
+    head = sea.elevation(x, y, 0.4 * seed) - z
+    assert np.abs(head).max() < WATERLINE_ERROR
+    assert distance_to_edges(mesh, points) < ROUND_OFF
+    for curve in found:
+        np.testing.assert_array_equal(curve[0], curve[-1])
+        assert len(curve) > 3
+
+
+def distance_to_edges(mesh: trimesh.Trimesh, points: np.ndarray) -> float:
+    """Largest distance [m] of a point from the nearest edge of the mesh."""
+    a, b = np.moveaxis(np.array(mesh.vertices)[mesh.edges_unique], 1, 0)
+    along = b - a
+    worst = 0.0
+    for p in points:
+        s = np.clip(np.einsum("ei,ei->e", p - a, along) / np.einsum("ei,ei->e", along, along), 0, 1)
+        worst = max(worst, np.linalg.norm(a + s[:, None] * along - p, axis=1).min())
+    return worst
+
+
+def test_every_edge_that_the_water_crosses_is_visited_once():
+    sea, mesh = three_waves(), placed(load_mesh("bunny"), 7)
+    wet = sea.elevation(*np.array(mesh.vertices)[:, :2].T, 0.0) > mesh.vertices[:, 2]
+    crossed = np.count_nonzero(wet[mesh.edges_unique[:, 0]] != wet[mesh.edges_unique[:, 1]])
+    assert sum(len(curve) - 1 for curve in curves(sea, mesh)) == crossed
+
+
+def test_flat_water_cuts_a_ball_in_a_circle_with_the_wet_side_right():
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
+    (curve,) = curves(Sea(level=0.3), ball)
+    radii = np.hypot(curve[:, 0], curve[:, 1])
+    facets = 1e-3 * 0.5  # the icosphere's faces lie that far inside the ball
+    np.testing.assert_allclose(radii, 0.4, atol=facets)
+    # With the water below, right is down for one who goes counterclockwise as seen from above.
+    x, y = curve[:, 0], curve[:, 1]
+    assert 0.5 * (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() == pytest.approx(0.16 * np.pi, rel=1e-2)
+
+
+def test_a_torus_across_the_water_has_two_curves_and_one_apart_has_none():
+    torus = meshes()["torus"]
+    assert len(curves(Sea(level=0.0501), torus)) == 2
+    assert curves(Sea(level=3.0), torus) == []
+    assert curves(Sea(level=-3.0), torus) == []
+
+
+def test_two_surfaces_at_once_are_the_two_of_them():
+    sea, a, b = three_waves(), placed(load_mesh("bunny"), 1), placed(meshes()["torus"], 2)
+    both = trimesh.util.concatenate([a, b])
+    together, apart = curves(sea, both), curves(sea, a) + curves(sea, b)
+    assert len(together) == len(apart)
+    total = [sum(map(len, group)) for group in (together, apart)]
+    assert total[0] == total[1]
+
+
+def test_heads_are_true_where_the_surface_can_be_and_right_in_sign_elsewhere():
+    sea = three_waves()
+    points = np.random.default_rng(3).uniform(-1.0, 1.0, (500, 3))
+    exact = sea.elevation(points[:, 0], points[:, 1], 0.7) - points[:, 2]
+    found = heads(sea, points, 0.7)
+    near = np.abs(points[:, 2]) <= sea.amplitude
+    assert near.any()
+    assert not near.all()
+    np.testing.assert_allclose(found[near], exact[near], atol=1e-12)
+    np.testing.assert_array_equal(found > 0.0, exact > 0.0)
+
+
+@pytest.mark.parametrize("longest", [0.5, 0.1])
+def test_refining_keeps_the_surface_and_bounds_the_edges(longest):
+    box = trimesh.creation.box(extents=(1.0, 0.6, 0.3))
+    vertices, faces = refined(np.array(box.vertices), np.array(box.faces), longest)
+    fine = trimesh.Trimesh(vertices, faces, process=False)
+    assert fine.edges_unique_length.max() <= longest
+    assert fine.is_watertight
+    assert fine.is_winding_consistent
+    assert fine.volume == pytest.approx(0.18, rel=ROUND_OFF)
+    assert fine.area == pytest.approx(box.area, rel=ROUND_OFF)
+    assert volume_below(fine, 0.05) == pytest.approx(0.12, rel=ROUND_OFF)
+    wanted = box.area / (np.sqrt(3.0) / 4.0 * longest**2)  # of equilateral triangles
+    assert len(faces) < 8 * wanted + 12
+
+
+def test_fine_meshes_are_left_as_they_are():
+    ball = meshes()["icosphere"]
+    vertices, faces = refined(ball.vertices, ball.faces, 1.0)
+    np.testing.assert_array_equal(vertices, ball.vertices)
+    np.testing.assert_array_equal(faces, ball.faces)
+
+
+def test_a_refined_box_has_the_curved_waterline():
+    """Its chords of 4 cm stay within their sagitta of the true curve; the bare box's do not."""
+    sea, box = three_waves(0.6), trimesh.creation.box(extents=(1.0, 1.0, 1.0))
+    fine = trimesh.Trimesh(*refined(np.array(box.vertices), np.array(box.faces), 0.04))
+    deviations = []
+    for mesh in (box, fine):
+        middles = np.concatenate([0.5 * (c[:-1] + c[1:]) for c in curves(sea, mesh)])
+        x, y, z = middles.T
+        deviations.append(np.abs(sea.elevation(x, y, 0.0) - z).max())
+    assert deviations[1] < sea.curvature_bound * 0.04**2 / 8.0
+    assert deviations[1] < 0.05 * deviations[0]
