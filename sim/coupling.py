@@ -14,8 +14,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.drag import BodyDrag, Drag, velocity_at
 from sim.methods import METHODS, Method
-from sim.mjcf import read_model
+from sim.mjcf import is_free, read_model
 from sim.sea import Sea
 
 Array = NDArray[np.float64]
@@ -23,12 +24,107 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Float:
-    """A hull that floats: its name, its body's id, and the method that knows its wrench; the
-    method's hull is given in the body's inertial frame (xipos, ximat)."""
+    """A hull that floats: its name, its body's id, the method that knows its wrench, and its
+    drag, if it has any; the hull is given in the body's inertial frame (xipos, ximat)."""
 
     name: str
     body: int
     method: Method
+    drag: Drag | None = None
+
+
+def _update_velocities(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Bring the bodies' velocities up to the positions and `qvel` as they stand."""
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)
+
+
+@dataclass(frozen=True)
+class _ResistedRow:
+    """A body with drag or added mass: its row of `xfrc_applied` and views of what that needs.
+
+    velocity: (6,) angular and linear at the point `reference` [m]; applied, passive: (6,) forces
+    along the free joint's degrees of freedom, empty for a body that is not free.
+    """
+
+    body: int
+    resistance: BodyDrag
+    methods: list[Method]
+    row: Array
+    position: Array
+    rotation: Array
+    velocity: Array
+    reference: Array
+    origin: Array
+    axes: Array
+    applied: Array
+    passive: Array
+
+    @classmethod
+    def of(
+        cls,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        body: int,
+        resistance: BodyDrag,
+        methods: list[Method],
+    ) -> "_ResistedRow":
+        first = model.body_dofadr[body]
+        dofs = slice(first, first + 6 * resistance.free)
+        return cls(
+            body,
+            resistance,
+            methods,
+            row=data.xfrc_applied[body],
+            position=data.xipos[body],
+            rotation=data.ximat[body].reshape(3, 3),
+            velocity=data.cvel[body],
+            reference=data.subtree_com[model.body_rootid[body]],
+            origin=data.xpos[body],
+            axes=data.xmat[body].reshape(3, 3),
+            applied=data.qfrc_applied[dofs],
+            passive=data.qfrc_passive[dofs],
+        )
+
+    def write(self, option: mujoco.MjOption, time: float) -> None:
+        """Write the wrench of the water for the state as it stands."""
+        buoyancy = self._buoyancy(time)
+        self.row[:] = self.resistance.wrench(
+            self.position,
+            self.rotation,
+            self._velocity(),
+            time,
+            buoyancy,
+            self._other_forces(option.gravity),
+            option.timestep,
+        )
+
+    def drag_wrench(self, time: float) -> Array:
+        """The drag alone (6,), as it is."""
+        return self.resistance.drag(
+            self.position, self.rotation, self._velocity(), time, self._buoyancy(time)
+        )
+
+    def _buoyancy(self, time: float) -> list[Array]:
+        return [m.wrench(self.position, self.rotation, time) for m in self.methods]
+
+    def _velocity(self) -> Array:
+        """Velocity (6,) of the centre of mass and angular, world axes."""
+        return velocity_at(self.velocity, self.reference, self.position)
+
+    def _other_forces(self, gravity: Array) -> Array:
+        """Wrench (6,) about the centre of mass of gravity and of the generalised forces known
+        before the step: a free joint takes force at the body frame's origin in world axes, torque
+        in the body's own."""
+        wrench = np.zeros(6)
+        wrench[:3] = self.resistance.mass * gravity
+        if self.applied.any() or self.passive.any():
+            generalised = self.applied + self.passive
+            force = generalised[:3]
+            wrench[:3] += force
+            wrench[3:] += self.axes @ generalised[3:]
+            wrench[3:] += np.cross(self.origin - self.position, force)
+        return wrench
 
 
 class Buoyancy:
@@ -61,6 +157,12 @@ class Buoyancy:
         self.seconds = 0.0
         self._data: mujoco.MjData | None = None
         self._rows: list[tuple[Array, Array, Array, list[Method]]] = []
+        self._resisted = {
+            int(body): resistance
+            for body in self.bodies
+            if (resistance := self._body_drag(int(body))) is not None
+        }
+        self._resisted_rows: list[_ResistedRow] = []
 
     @classmethod
     def from_model(
@@ -71,7 +173,7 @@ class Buoyancy:
         that names the element at fault."""
         settings = read_model(model, method, tolerance)
         floats = [
-            Float(geom.name, geom.body, METHODS[geom.method](geom.hull, settings.sea))
+            Float(geom.name, geom.body, METHODS[geom.method](geom.hull, settings.sea), geom.drag)
             for geom in settings.geoms
         ]
         return cls(model, settings.sea, floats)
@@ -92,6 +194,9 @@ class Buoyancy:
                 "this Buoyancy was made for another model; make one with Buoyancy.from_model(model)"
             )
         mujoco.mj_kinematics(model, data)
+        if self._resisted:
+            _update_velocities(model, data)
+            mujoco.mj_passive(model, data)
         self._write(data)
 
     @contextmanager
@@ -128,6 +233,30 @@ class Buoyancy:
             wrench[:] = f.method.wrench(data.xipos[f.body], data.ximat[f.body], data.time)
         return wrenches
 
+    def drag_wrenches(self, data: mujoco.MjData) -> Array:
+        """Drag on every body of `bodies`, (B, 6) [N, N m], world axes, torque about its centre
+        of mass, for the state in `data`: the force of the water's resistance as such, without
+        added mass. Zero where the model asks for none. Updates the kinematics; writes no force."""
+        drags = np.zeros((len(self.bodies), 6))
+        if not self._resisted:
+            return drags
+        mujoco.mj_kinematics(self.model, data)
+        _update_velocities(self.model, data)
+        if data is not self._data:
+            self._bind(data)
+        for row in self._resisted_rows:
+            drags[np.searchsorted(self.bodies, row.body)] = row.drag_wrench(data.time)
+        return drags
+
+    def _body_drag(self, body: int) -> BodyDrag | None:
+        """Drag of a body's hulls; None when no hull has any."""
+        hulls = [f.drag for f in self.floats if f.body == body]
+        if not any(hulls):
+            return None
+        model = self.model
+        free = is_free(model, body)
+        return BodyDrag(model.body_mass[body], model.body_inertia[body], hulls, free)
+
     def _bind(self, data: mujoco.MjData) -> None:
         """Keep views of the arrays of `data`: asking for them anew costs more than using them."""
         self._data = data
@@ -139,6 +268,13 @@ class Buoyancy:
                 [f.method for f in self.floats if f.body == body],
             )
             for body in self.bodies
+            if body not in self._resisted
+        ]
+        self._resisted_rows = [
+            _ResistedRow.of(
+                self.model, data, body, drag, [f.method for f in self.floats if f.body == body]
+            )
+            for body, drag in self._resisted.items()
         ]
 
     def _write(self, data: mujoco.MjData) -> None:
@@ -150,5 +286,7 @@ class Buoyancy:
             row[:] = first.wrench(position, rotation, time)
             for method in others:
                 row += method.wrench(position, rotation, time)
+        for resisted in self._resisted_rows:
+            resisted.write(self.model.opt, time)
         self.calls += 1
         self.seconds += perf_counter() - started
