@@ -7,6 +7,7 @@ The layers, from the bottom up; imports point only downwards in this list:
     hull         Hull: a closed, outward triangle surface, checked once
     triangle     kernels: hydrostatic wrench of a triangle, the straight clip
     methods/     ways to turn (hull, sea, pose, time) into a wrench, all called alike
+    drag         drag and added mass of a hull, and the linearly implicit step that bears them
     mjcf         a model's custom fields and geoms -> sea and hulls; every refusal about a model
     coupling     Buoyancy: the callback that writes xfrc_applied
     scene        Scene: an MJCF file as something that can be stepped
@@ -17,6 +18,7 @@ Nothing below mjcf knows MuJoCo and nothing but recording knows Rerun.
 """
 
 from sim.coupling import Buoyancy
+from sim.drag import Drag, DragCoefficients
 from sim.hull import Hull
 from sim.methods import Linear
 from sim.recording import Recorder
@@ -28,6 +30,8 @@ from sim.triangle import wet_triangles_wrench
 __all__ = [
     "Buoyancy",
     "DivergenceError",
+    "Drag",
+    "DragCoefficients",
     "Hull",
     "Linear",
     "Recorder",

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.drag import BodyDrag, Drag, velocity_at
+from sim.drag import BodyDrag, Drag, known_wrench, velocity_at
 from sim.methods import METHODS, Method
 from sim.mjcf import is_free, read_model
 from sim.sea import Sea
@@ -114,17 +114,16 @@ class _ResistedRow:
 
     def _other_forces(self, gravity: Array) -> Array:
         """Wrench (6,) about the centre of mass of gravity and of the generalised forces known
-        before the step: a free joint takes force at the body frame's origin in world axes, torque
-        in the body's own."""
-        wrench = np.zeros(6)
-        wrench[:3] = self.resistance.mass * gravity
-        if self.applied.any() or self.passive.any():
-            generalised = self.applied + self.passive
-            force = generalised[:3]
-            wrench[:3] += force
-            wrench[3:] += self.axes @ generalised[3:]
-            wrench[3:] += np.cross(self.origin - self.position, force)
-        return wrench
+        before the step."""
+        return known_wrench(
+            self.resistance.mass,
+            gravity,
+            self.applied,
+            self.passive,
+            self.origin,
+            self.axes,
+            self.position,
+        )
 
 
 class Buoyancy:

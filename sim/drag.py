@@ -58,6 +58,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from sim.gerstner import (
@@ -66,8 +67,12 @@ from sim.gerstner import (
     DIRECTION_X,
     DIRECTION_Y,
     FREQUENCY,
+    HEIGHT,
     LABEL_X,
     LABEL_Y,
+    OFFSET_X,
+    OFFSET_Y,
+    RESIDUAL,
     SCRATCH_ROWS,
     TURNS,
     TURNS_X,
@@ -92,6 +97,9 @@ step then squares it."""
 
 SYMMETRY = 1e-9
 """Relative round-off that a symmetric, positive semidefinite matrix given in decimals may have."""
+
+# Rows of a chunk's scratch after its labels are found.
+SPEED_X, SPEED_Y, SPEED_Z, DEPTH = OFFSET_X, OFFSET_Y, HEIGHT, RESIDUAL
 
 # Rows of an array of elements.
 POINT_X, POINT_Y, POINT_Z, NORMAL_X, NORMAL_Y, NORMAL_Z, AREA, RADIUS = range(8)
@@ -388,13 +396,17 @@ def _split_faces(corners: Array, count: int) -> Array:
 def _halves(
     group: NDArray[np.int64], places: Array, areas: Array
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Two parts of nearly the same area, to both sides of a cut across the widest direction."""
+    """Two parts, to both sides of a cut across the widest direction, placed so that the
+    parts' own spread is least: along edges of the surface where there are any."""
     weights = areas[group] / areas[group].sum()
     spread = places[group] - weights @ places[group]
     _, directions = np.linalg.eigh((spread * weights[:, None]).T @ spread)
-    order = np.argsort(spread @ directions[:, -1], kind="stable")
-    cut = int(np.searchsorted(np.cumsum(weights[order]), 0.5))
-    cut = min(max(cut, 1), len(group) - 1)
+    along = spread @ directions[:, -1]
+    order = np.argsort(along, kind="stable")
+    weight = np.cumsum(weights[order])[:-1]
+    moment = np.cumsum((weights * along)[order])[:-1]
+    between = moment**2 / np.maximum(weight * (1.0 - weight), np.finfo(float).tiny)
+    cut = int(np.argmax(between)) + 1
     return group[order[:cut]], group[order[cut:]]
 
 
@@ -409,6 +421,30 @@ def velocity_at(spatial, reference, point):
 
 
 @kernel
+def known_wrench(mass, gravity, applied, passive, origin, axes, point):
+    """Wrench (6,) about a body's centre of mass, `point`, of gravity (3,) and of the generalised
+    forces on its free joint, (6,) or none: force at the joint's origin in world axes, torque in
+    the joint's own."""
+    wrench = np.zeros(6)
+    for i in range(3):
+        wrench[i] = mass * gravity[i]
+    if applied.size == 0:
+        return wrench
+    fx, fy, fz = applied[0] + passive[0], applied[1] + passive[1], applied[2] + passive[2]
+    mx, my, mz = cross(origin[0] - point[0], origin[1] - point[1], origin[2] - point[2], fx, fy, fz)
+    wrench[0] += fx
+    wrench[1] += fy
+    wrench[2] += fz
+    wrench[3] += mx
+    wrench[4] += my
+    wrench[5] += mz
+    for i in range(3):
+        for j in range(3):
+            wrench[3 + i] += axes[i, j] * (applied[3 + j] + passive[3 + j])
+    return wrench
+
+
+@njit(inline="always")
 def decay(x):
     """exp(-x) for x >= 0 as (1 + y + ... + y^4/24)^-64 with y = x/64: to 5e-10 at x = 1 and 5e-5 at
     10, always falling. Without a call in it, a loop over it vectorises."""
@@ -423,10 +459,10 @@ def decay(x):
 
 
 @kernel
-def water_velocities(count, components, time, depths, scratch, velocities):
-    """Velocities (3, count) [m/s] of the water at depths (count,) [m] below the labels in
-    the scratch."""
-    velocities[:, :count] = 0.0
+def water_velocities(count, components, time, scratch):
+    """Velocities [m/s] of the water at the depths [m] in row DEPTH below the labels in the
+    scratch, into rows SPEED_X to SPEED_Z. All in one array, or the loop would not vectorise."""
+    scratch[SPEED_X : SPEED_Z + 1, :count] = 0.0
     for w in range(components.shape[0]):
         wave = components[w]
         turns = wave[TURNS] - wave[FREQUENCY] * time
@@ -436,10 +472,10 @@ def water_velocities(count, components, time, depths, scratch, velocities):
             s, c = sine_cosine(
                 wave[TURNS_X] * scratch[LABEL_X, i] + wave[TURNS_Y] * scratch[LABEL_Y, i] + turns
             )
-            v = speed * decay(k * depths[i])
-            velocities[0, i] += dx * v * s
-            velocities[1, i] += dy * v * s
-            velocities[2, i] -= v * c
+            v = speed * decay(k * scratch[DEPTH, i])
+            scratch[SPEED_X, i] += dx * v * s
+            scratch[SPEED_Y, i] += dy * v * s
+            scratch[SPEED_Z, i] -= v * c
 
 
 @kernel
@@ -509,27 +545,27 @@ def add_element(normal, arm, wet_area, u, pressures, wrench, damping):
 
 
 @kernel
-def find_water(points, components, tolerance, level, time, depths, velocities, motion):
-    """Heads (N,) [m] of points (3, N) in depths and the water's velocities (3, N) there; velocity
-    and acceleration of the water at the last point in motion (6,)."""
+def find_water(points, components, tolerance, level, time, heads, velocities, motion):
+    """Heads (N,) [m] of points (3, N) and the water's velocities (3, N) there; velocity and
+    acceleration of the water at the last point in motion (6,)."""
     scratch = np.empty((SCRATCH_ROWS, CHUNK))
     total = points.shape[1]
-    below = np.empty(CHUNK)
+    count = 0
     for start in range(0, total, CHUNK):
         end = min(start + CHUNK, total)
         count = end - start
         scratch[LABEL_X, :count] = points[0, start:end]
         scratch[LABEL_Y, :count] = points[1, start:end]
-        x, y, heads = points[0, start:end], points[1, start:end], depths[start:end]
-        solve_chunk(x, y, components, time, tolerance, heads, scratch)
+        x, y = points[0, start:end], points[1, start:end]
+        solve_chunk(x, y, components, time, tolerance, heads[start:end], scratch)
         for i in range(count):
-            heads[i] += level - points[2, start + i]
-            below[i] = max(heads[i], 0.0)
-        water_velocities(count, components, time, below, scratch, velocities[:, start:end])
-    last = total - 1 - (total - 1) // CHUNK * CHUNK
+            heads[start + i] += level - points[2, start + i]
+            scratch[DEPTH, i] = max(heads[start + i], 0.0)
+        water_velocities(count, components, time, scratch)
+        velocities[:, start:end] = scratch[SPEED_X : SPEED_Z + 1, :count]
     motion[:3] = velocities[:, total - 1]
-    x, y = scratch[LABEL_X, last], scratch[LABEL_Y, last]
-    water_acceleration(x, y, below[last], components, time, motion[3:])
+    last = scratch[:, count - 1]
+    water_acceleration(last[LABEL_X], last[LABEL_Y], last[DEPTH], components, time, motion[3:])
 
 
 @kernel
@@ -550,20 +586,20 @@ def choose_elements(elements, crest, position, rotation, points, chosen):
 
 @kernel
 def drag_wrench(
-    elements, pressures, components, tolerance, level, amplitude, position, rotation, velocity, time,
-    wrench, damping, motion,
+    elements, pressures, components, tolerance, level, amplitude,
+    position, rotation, velocity, time, wrench, damping, motion,
 ):  # fmt: skip
     """See Drag.add_drag; of damping the lower triangle is added to."""
     count = elements.shape[1]
     points, water = np.empty((3, count)), np.empty((3, count))
-    depths, chosen = np.empty(count), np.empty(count, np.int64)
+    heads, chosen = np.empty(count), np.empty(count, np.int64)
     active = choose_elements(elements, level + amplitude, position, rotation, points, chosen)
-    find_water(points[:, :active], components, tolerance, level, time, depths, water, motion)
+    find_water(points[:, :active], components, tolerance, level, time, heads, water, motion)
     arm, u, normal = np.empty(3), np.empty(3), np.empty(3)
     for i in range(active - 1):
         element = elements[:, chosen[i]]
         # An element gets wet over its own size, so that no force jumps.
-        wet = min(max(0.5 + 0.5 * depths[i] / element[RADIUS], 0.0), 1.0)
+        wet = min(max(0.5 + 0.5 * heads[i] / element[RADIUS], 0.0), 1.0)
         if wet == 0.0:
             continue
         for j in range(3):

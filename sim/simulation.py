@@ -43,8 +43,9 @@ class Sample:
     `scene.buoyancy.body_names`: positions (B, 3) [m] and quaternions (B, 4) (w, x, y, z) of the
     body frame, centres (B, 3) [m] of mass, elevations (B,) [m] of the water at the centres,
     tilts (B,) [rad] between the body's z axis and the vertical, submerged_fractions (B,)
-    of the hulls' volume, body_wrenches (B, 6) [N, N m] about the centres; for the H hulls
-    wrenches (H, 6) likewise. World axes. step_seconds, buoyancy_seconds: wall time
+    of the hulls' volume, body_wrenches (B, 6) [N, N m] of buoyancy about the centres,
+    drag_wrenches (B, 6) of drag likewise (0 without); for the H hulls wrenches (H, 6) of
+    buoyancy likewise. World axes. step_seconds, buoyancy_seconds: wall time
     that all steps so far took, and the part of it spent on buoyancy.
     """
 
@@ -58,6 +59,7 @@ class Sample:
     submerged_fractions: Array
     wrenches: Array
     body_wrenches: Array
+    drag_wrenches: Array
     step_seconds: float
     buoyancy_seconds: float
 
@@ -153,6 +155,7 @@ def observe(
         submerged_fractions=body_wrenches[:, 2] / (sea.density * sea.gravity * volumes),
         wrenches=wrenches,
         body_wrenches=body_wrenches,
+        drag_wrenches=buoyancy.drag_wrenches(data),
         step_seconds=step_seconds,
         buoyancy_seconds=buoyancy_seconds,
     )

@@ -12,8 +12,9 @@ LAYERS = {
     "hull": set(),
     "triangle": {"gerstner"},
     "methods": {"gerstner", "sea", "hull", "triangle"},
-    "mjcf": {"methods", "sea", "hull"},
-    "coupling": {"mjcf", "methods", "sea"},
+    "drag": {"gerstner", "sea", "hull", "triangle"},
+    "mjcf": {"methods", "drag", "sea", "hull"},
+    "coupling": {"mjcf", "methods", "drag", "sea"},
     "scene": {"coupling"},
     "simulation": {"scene"},
     "recording": {"simulation", "scene", "hull"},
@@ -24,7 +25,7 @@ OUTSIDE = {
     "mujoco": {"mjcf", "coupling", "scene", "simulation"},
     "trimesh": {"mjcf"},
     "rerun": {"recording"},
-    "numba": {"gerstner", "triangle"},
+    "numba": {"gerstner", "triangle", "drag"},
 }
 """Which layers may import a package from outside."""
 
