@@ -11,6 +11,7 @@ The layers, from the bottom up; imports point only downwards in this list:
     mjcf         a model's custom fields and geoms -> sea and hulls; every refusal about a model
     coupling     Buoyancy: the callback that writes xfrc_applied
     scene        Scene: an MJCF file as something that can be stepped
+    divergence   a state that cannot be, and which of the usual causes fits
     simulation   simulate: the stepping loop, yields Samples
     recording    Recorder: Samples -> a Rerun recording
 
@@ -18,13 +19,14 @@ Nothing below mjcf knows MuJoCo and nothing but recording knows Rerun.
 """
 
 from sim.coupling import Buoyancy
+from sim.divergence import DivergenceError
 from sim.drag import Drag, DragCoefficients
 from sim.hull import Hull
 from sim.methods import Linear
 from sim.recording import Recorder
 from sim.scene import Scene
 from sim.sea import Sea, Wave
-from sim.simulation import DivergenceError, Sample, Tally, simulate
+from sim.simulation import Sample, Tally, simulate
 from sim.triangle import wet_triangles_wrench
 
 __all__ = [

@@ -40,7 +40,8 @@ touches. Approximations:
 * a link of a kinematic tree: drag is damped with the link's own inertia, of which its
   joints leave it no less, so it is stable and statically exact, and at h C << M the explicit drag;
   an added mass is refused.
-* RK4: every stage solves with the full timestep; RK4 then is of first order too.
+* RK4: every stage solves with the full timestep, so drag makes RK4 of first order too (added mass
+  alone does not).
 * the water that enters or leaves the added mass as f changes carries no momentum (no slamming).
 
 The water's velocity below the surface is that of Gerstner's waves: a particle moves on the

@@ -16,13 +16,14 @@ LAYERS = {
     "mjcf": {"methods", "drag", "sea", "hull"},
     "coupling": {"mjcf", "methods", "drag", "sea"},
     "scene": {"coupling"},
-    "simulation": {"scene"},
+    "divergence": {"scene"},
+    "simulation": {"scene", "divergence"},
     "recording": {"simulation", "scene", "hull"},
 }
 """What each layer may import from the others."""
 
 OUTSIDE = {
-    "mujoco": {"mjcf", "coupling", "scene", "simulation"},
+    "mujoco": {"mjcf", "coupling", "scene", "divergence", "simulation"},
     "trimesh": {"mjcf"},
     "rerun": {"recording"},
     "numba": {"gerstner", "triangle", "drag"},

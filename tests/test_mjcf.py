@@ -25,7 +25,8 @@ def test_gravity_is_the_models_own():
 
 
 def test_other_peoples_custom_elements_are_left_alone():
-    other = '<numeric name="gain" data="1 2"/><numeric name="dragon" data="1"/><text name="author" data="me"/>'
+    other = '<numeric name="gain" data="1 2"/><numeric name="dragon" data="1"/>'
+    other += '<text name="author" data="me"/>'
     assert len(read_model(model(custom=other)).geoms) == 1
 
 

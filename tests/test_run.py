@@ -89,7 +89,10 @@ def test_unusable_input_gives_one_line_and_status_2(case, tmp_path):
 def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path):
     """Negative damping feeds the cube's motion until the numbers overflow."""
     scene = (MODELS / "cube.xml").read_text()
-    (tmp_path / "wild.xml").write_text(scene.replace('damping="300"', 'damping="-5000"'))
+    still = '<freejoint name="cube"/>'
+    wild = '<joint type="free" damping="-5000"/>'
+    assert still in scene
+    (tmp_path / "wild.xml").write_text(scene.replace(still, wild))
     result = run("wild.xml", "--record", "wild.rrd", cwd=tmp_path)
     assert result.returncode == 3, result.stderr
     assert "body 'cube' diverged at" in result.stderr
