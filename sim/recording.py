@@ -11,8 +11,10 @@ Entities, all in world axes [m]:
 on the timelines `time` (simulated seconds) and `frame`.
 """
 
+import os
 from pathlib import Path
 from types import TracebackType
+from typing import NoReturn
 
 import numpy as np
 import rerun as rr
@@ -24,6 +26,10 @@ from sim.scene import Scene
 from sim.simulation import Sample
 
 Array = NDArray[np.float64]
+
+FLUSH_SECONDS = 60.0
+"""Longest wait for the disk. Without a limit Rerun waits for ever once its writer has given up;
+with one it says so at once."""
 
 WATER_RESOLUTION = 48
 """Vertices along a side of the water's grid; a frame takes 12 bytes for each of its square."""
@@ -75,9 +81,14 @@ class Recorder:
         self._stream = rr.RecordingStream("waterline")
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
-        self._stream.save(self.path, default_blueprint=_blueprint(scene, self._side))
+        self._intact: int | None = 0
+        try:
+            self._stream.save(self.path, default_blueprint=_blueprint(scene, self._side))
+        except RuntimeError as error:
+            self._give_up(error)
         self._stream.send_recording_name(scene.name)
         self._log_static()
+        self._flush()
 
     def __enter__(self) -> "Recorder":
         return self
@@ -91,13 +102,39 @@ class Recorder:
         self.close()
 
     def close(self) -> None:
-        """Write what is waiting and close the file."""
+        """Write what is waiting and close the file. Raises OSError as `log` does."""
+        if self._intact is None:
+            return
         self._send_series()
-        self._stream.flush()
+        self._flush()
         self._stream.disconnect()
 
+    def _flush(self) -> None:
+        """Have all that was logged on disk; raises OSError when it cannot be."""
+        try:
+            self._stream.flush(timeout_sec=FLUSH_SECONDS)
+        except RuntimeError as error:
+            self._give_up(error)
+        self._intact = self.path.stat().st_size
+
+    def _give_up(self, error: RuntimeError) -> NoReturn:
+        """Close the file as it was after the last flush, without the message that was cut off, and
+        remove it if nothing had been written."""
+        intact, self._intact = self._intact, None
+        self._stream.disconnect()
+        if self.path.is_file():
+            os.truncate(self.path, intact)
+            if intact == 0:
+                self.path.unlink()
+        reason = " ".join(str(error).split())
+        raise OSError(
+            f"{self.path}: the recording cannot be written ({reason}); make room on the disk or "
+            "record elsewhere. What was written before is intact"
+        )
+
     def log(self, sample: Sample) -> None:
-        """Add one sample as the next frame."""
+        """Add one sample as the next frame. Raises OSError when the disk is full; what was
+        written until a second before stays readable."""
         stream = self._stream
         stream.set_time("time", duration=sample.time)
         stream.set_time("frame", sequence=self._frame)
@@ -117,7 +154,7 @@ class Recorder:
         self._waiting.append(sample)
         if sample.time - self._waiting[0].time >= 1.0:
             self._send_series()
-            stream.flush()
+            self._flush()
 
     def _log_static(self) -> None:
         stream, scene = self._stream, self.scene
