@@ -8,6 +8,7 @@ Exit status: 0 on success, 2 on unusable input, 3 when the state diverged, 4 whe
 
 import argparse
 import json
+import os
 import shutil
 import signal
 import sys
@@ -237,4 +238,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    exit_status = main()
+    if exit_status == UNWRITABLE:  # a dead writer would hold up Python's orderly end for ever
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(exit_status)
+    sys.exit(exit_status)

@@ -11,6 +11,7 @@ Entities, all in world axes [m]:
 on the timelines `time` (simulated seconds) and `frame`.
 """
 
+import atexit
 import os
 from pathlib import Path
 from types import TracebackType
@@ -27,9 +28,12 @@ from sim.simulation import Sample
 
 Array = NDArray[np.float64]
 
-FLUSH_SECONDS = 60.0
-"""Longest wait for the disk. Without a limit Rerun waits for ever once its writer has given up;
-with one it says so at once."""
+FLUSH_SECONDS = 5.0
+"""Longest wait for the disk to take about a megabyte. Rerun's writer, once it has given up, leaves
+a flush unanswered, so this is also how long it takes to notice that the disk is full."""
+
+ABANDONED: list[rr.RecordingStream] = []
+"""Streams whose writer has died. A process that has one must leave by `os._exit`."""
 
 WATER_RESOLUTION = 48
 """Vertices along a side of the water's grid; a frame takes 12 bytes for each of its square."""
@@ -121,7 +125,10 @@ class Recorder:
         """Close the file as it was after the last flush, without the message that was cut off, and
         remove it if nothing had been written."""
         intact, self._intact = self._intact, None
-        self._stream.disconnect()
+        # Disconnecting, collecting the stream and Rerun's shutdown would wait for the dead
+        # writer for ever.
+        atexit.unregister(rr.rerun_shutdown)
+        ABANDONED.append(self._stream)
         if self.path.is_file():
             os.truncate(self.path, intact)
             if intact == 0:
