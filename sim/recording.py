@@ -81,7 +81,7 @@ class Recorder:
         self._waiting: list[Sample] = []
         self._side, self._steps = _water_grid(scene)
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.path.open("wb").close()  # tells plainly what Rerun would report from a thread
+        _check_writable(self.path)
         self._stream = rr.RecordingStream("waterline")
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
@@ -255,6 +255,16 @@ def vertex_normals(hull: Hull) -> Array:
     for corner in range(3):
         np.add.at(normals, hull.faces[:, corner], hull.area_vectors)
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _check_writable(path: Path) -> None:
+    """Tells plainly, and before anything is simulated, what Rerun would report from a thread."""
+    with path.open("wb") as file:
+        try:
+            file.write(b"RRF2")
+            file.flush()
+        except OSError as error:
+            raise OSError(f"{path}: {error.strerror}; make room or record elsewhere") from None
 
 
 def _part(name: str) -> str:

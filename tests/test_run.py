@@ -92,12 +92,11 @@ def test_unusable_input_gives_one_line_and_status_2(case, tmp_path):
     (tmp_path / "broken.xml").write_text("<mujoco><wave/></mujoco>")
     (tmp_path / "empty.xml").write_text("<mujoco/>")
     cube = (MODELS / "cube.xml").read_text()
+    missing = '<asset><mesh file="no.obj"/></asset>'
     variants = {
         "void.xml": "",
         "noise.xml": "\x00\x01<<<",
-        "meshless.xml": cube.replace(
-            "<worldbody>", '<asset><mesh file="no.obj"/></asset><worldbody>'
-        ),
+        "meshless.xml": cube.replace("<worldbody>", missing + "<worldbody>"),
         "folding.xml": cube.replace("0.10 4.0 0 0", "1.0 4.0 0 0"),
         "misspelt.xml": cube.replace("water_density", "water_densty"),
         "drag.xml": cube.replace('data="0.2 1.05', 'data="0.2 -1'),
