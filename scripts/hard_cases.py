@@ -392,7 +392,7 @@ CASES = {
     ),
     "top-heavy box": Case(
         "capsizes and settles upside down, deg", body(box(0.6, 0.6, 0.8), 200.0, BALLAST),
-        final_tilt(180.0), 3.0, custom=DRAG, qpos=at(0.2, tilt=0.05), duration=30.0,
+        final_tilt(180.0), 3.0, custom=DRAG, qpos=at(0.2, tilt=0.05), duration=20.0,
     ),
     "neutral ball": Case(
         "density 1: stays where it is, m", body(BALL, WATER),
@@ -430,7 +430,7 @@ CASES = {
     ),
     "wave of a thousand": Case(
         "times the body's size: rides it, m from the surface", body(box(1, 1, 0.4), 0.6 * WATER),
-        distance_from_surface(5.0), 0.2, qpos=at(0.0), duration=30.0,
+        distance_from_surface(5.0), 0.2, qpos=at(0.0), duration=25.0,
         custom=DRAG + '<numeric name="wave_a" data="10 1000 0 0"/>',
     ),
     "100 m above": Case(
@@ -468,7 +468,7 @@ CASES = {
     ),
     "two links": Case(
         "hinged and folded: lie flat in the end, relative fraction", LINKS,
-        mean_fraction(0.5), 0.02, ("front", "rear"), custom=DRAG, duration=40.0,
+        mean_fraction(0.5), 0.02, ("front", "rear"), custom=DRAG, duration=20.0,
         qpos=[*at(0.2), 0.5],
     ),
     "ten bodies in contact": Case(

@@ -2,6 +2,7 @@
 
 import json
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -87,7 +88,8 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_unusable_input_gives_one_line_and_status_2(case, tmp_path):
+def test_unusable_input_gives_one_line_and_status_2(case, tmp_path, monkeypatch, capsys):
+    """In this process, which saves starting one for each; the other tests run the script."""
     arguments, message = BROKEN[case]
     (tmp_path / "broken.xml").write_text("<mujoco><wave/></mujoco>")
     (tmp_path / "empty.xml").write_text("<mujoco/>")
@@ -104,11 +106,16 @@ def test_unusable_input_gives_one_line_and_status_2(case, tmp_path):
     for name, text in variants.items():
         (tmp_path / name).write_text(text)
     before = sorted(tmp_path.rglob("*"))
-    result = run(*arguments, cwd=tmp_path)
-    assert result.returncode == 2
-    assert result.stdout == ""
-    assert message in result.stderr
-    assert result.stderr.count("\n") == 1
+    monkeypatch.chdir(tmp_path)
+    script = runpy.run_path(RUN[1])
+    try:
+        status = script["main"]([str(a) for a in arguments])
+    except SystemExit as left:
+        status = left.code
+    stdout, stderr = capsys.readouterr()
+    assert (status, stdout) == (2, "")
+    assert message in stderr
+    assert stderr.count("\n") == 1
     assert sorted(tmp_path.rglob("*")) == before  # and nothing is left behind
 
 
