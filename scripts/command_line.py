@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
-UNUSABLE_INPUT, DIVERGED, INTERRUPTED = 2, 3, 130
+UNUSABLE_INPUT, DIVERGED, UNWRITABLE, INTERRUPTED = 2, 3, 4, 130
 
 COMPILING_NOTICE_AFTER = 1.0
 """Seconds after which loading a scene can only mean that kernels are being compiled."""

@@ -63,7 +63,7 @@ def wigley_obj(stations: int = STATIONS) -> str:
     return "\n".join(lines) + "\n"
 
 
-SPHERES = """<!-- A hundred spheres of 1280 faces each, which collide, in an irregular sea.
+SPHERES = """<!-- A hundred spheres of 1280 faces each, which collide, in three crossing waves.
      Made by scripts/make_scenes.py. CG instead of Newton as the solver of contacts: MuJoCo's sparse
      Newton, which it takes by itself for so many degrees of freedom, has a bug in 4.0.0.
      The joints' damping (N s/m and N m s/rad) stands in for the water's drag. -->
@@ -72,9 +72,11 @@ SPHERES = """<!-- A hundred spheres of 1280 faces each, which collide, in an irr
 
   <custom>
     <numeric name="water_density" data="1025"/> <!-- kg/m^3 -->
-    <!-- significant height m, peak period s, gamma, heading deg, spread deg, waves, seed -->
-    <numeric name="sea_jonswap" data="0.5 3.5 3.3 0 25 12 1"/>
-    <text name="buoyancy_method" data="linear"/>
+    <!-- amplitude m, wavelength m, heading deg, phase deg -->
+    <numeric name="wave_swell" data="0.15 8.0 0 0"/>
+    <numeric name="wave_cross" data="0.10 5.0 55 40"/>
+    <numeric name="wave_chop" data="0.05 2.4 -65 110"/>
+    <text name="buoyancy_method" data="patches"/>
     <tuple name="buoyant">
 {elements}
     </tuple>

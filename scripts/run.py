@@ -2,23 +2,28 @@
 
     python scripts/run.py models/bunny.xml
 
-Exit status: 0 on success, 2 on unusable input, 3 when the state diverged (what was recorded until
-then is on disk), 130 after Ctrl-C (likewise).
+Exit status: 0 on success, 2 on unusable input, 3 when the state diverged, 4 when the disk is full,
+130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on disk.
 """
 
 import argparse
 import json
+import os
 import shutil
+import signal
 import sys
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from time import perf_counter
+from types import FrameType
 from typing import Any
 
 from command_line import (
     DIVERGED,
     INTERRUPTED,
     UNUSABLE_INPUT,
+    UNWRITABLE,
     Parser,
     clear_progress,
     compiling_notice,
@@ -95,26 +100,65 @@ def open_recorder(
     )
 
 
+@contextmanager
+def stop_signals() -> Iterator[list[int]]:
+    """Note SIGINT and SIGTERM in a list, so that a run stops between two samples, with nothing half
+    done. A second one interrupts at once."""
+    received: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        if len(received) > 1:
+            raise KeyboardInterrupt
+
+    previous = {s: signal.signal(s, note) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield received
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
 def run(scene: Scene, options: argparse.Namespace, recorder: Recorder | None, tally: Tally) -> int:
     """Simulate, record and tally; return the exit status."""
     show = sys.stderr.isatty() and not options.quiet
     status, trouble = 0, ""
     try:
-        for sample in simulate(scene, options.duration, options.rate):
-            tally.add(sample)
-            if recorder is not None:
-                recorder.log(sample)
-            if show:
-                show_progress(sample.time, options.duration)
+        with stop_signals() as received:
+            record_samples(scene, options, recorder, tally, received, show)
     except DivergenceError as error:
         status, trouble = DIVERGED, str(error)
+    except OSError as error:
+        status, trouble = UNWRITABLE, str(error)
     except KeyboardInterrupt:
-        status, trouble = INTERRUPTED, "interrupted"
+        status = 128 + received[0]
+        trouble = "interrupted" if status == INTERRUPTED else "terminated"
     if show:
         clear_progress()
     if trouble:
         print(f"run.py: {trouble}", file=sys.stderr)
     return status
+
+
+def record_samples(
+    scene: Scene,
+    options: argparse.Namespace,
+    recorder: Recorder | None,
+    tally: Tally,
+    received: list[int],
+    show: bool,
+) -> None:
+    """Simulate to the end or to the first signal received, which raises KeyboardInterrupt."""
+    for sample in simulate(scene, options.duration, options.rate):
+        tally.add(sample)
+        if recorder is not None:
+            recorder.log(sample)
+        if show:
+            show_progress(sample.time, options.duration)
+        if received:
+            raise KeyboardInterrupt
+    if recorder is not None:
+        recorder.close()
 
 
 def summarise(scene: Scene, tally: Tally, wall_s: float, recording: Path | None) -> dict[str, Any]:
@@ -170,6 +214,9 @@ def main(arguments: list[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"run.py: {error}", file=sys.stderr)
         return UNUSABLE_INPUT
+    except KeyboardInterrupt:
+        print("run.py: interrupted before the run began", file=sys.stderr)
+        return INTERRUPTED
     if options.tolerance is not None and not scene.buoyancy.takes_tolerance:
         print("run.py: note: none of the scene's methods takes a tolerance", file=sys.stderr)
     tally = Tally(scene)
@@ -178,11 +225,20 @@ def main(arguments: list[str] | None = None) -> int:
         status = run(scene, options, recorder, tally)
     summary = summarise(scene, tally, perf_counter() - started, recording)
     if options.json is not None:
-        options.json.write_text(json.dumps(summary, indent=2) + "\n")
+        try:
+            options.json.write_text(json.dumps(summary, indent=2) + "\n")
+        except OSError as error:
+            print(f"run.py: {error}", file=sys.stderr)
+            status = status or UNWRITABLE
     if not options.quiet:
         print_summary(summary)
     return status
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    exit_status = main()
+    if exit_status == UNWRITABLE:  # a dead writer would hold up Python's orderly end for ever
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(exit_status)
+    sys.exit(exit_status)

@@ -7,17 +7,108 @@ is one for the whole process and sees every model, so it is set only inside a `w
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from time import perf_counter
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.drag import BodyDrag, known_wrench, velocity_at
 from sim.methods import Method, Patches, PatchFleet
-from sim.mjcf import FloatingGeom, read_model
+from sim.mjcf import FloatingGeom, is_free, read_model
 from sim.sea import Sea
 
 Array = NDArray[np.float64]
+
+
+def _update_velocities(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Bring the bodies' velocities up to the positions and `qvel` as they stand."""
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)
+
+
+@dataclass(frozen=True)
+class _ResistedRow:
+    """A body with drag or added mass: its row of `xfrc_applied` and views of what that needs.
+
+    hulls: the places of its hulls among all; velocity: (6,) angular and linear at the point
+    `reference` [m]; applied, passive: (6,) forces along the free joint's degrees of freedom,
+    empty for a body that is not free.
+    """
+
+    body: int
+    resistance: BodyDrag
+    hulls: list[int]
+    row: Array
+    position: Array
+    rotation: Array
+    velocity: Array
+    reference: Array
+    origin: Array
+    axes: Array
+    applied: Array
+    passive: Array
+
+    @classmethod
+    def of(
+        cls,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        body: int,
+        resistance: BodyDrag,
+        hulls: list[int],
+    ) -> "_ResistedRow":
+        first = model.body_dofadr[body]
+        dofs = slice(first, first + 6 * resistance.free)
+        return cls(
+            body,
+            resistance,
+            hulls,
+            row=data.xfrc_applied[body],
+            position=data.xipos[body],
+            rotation=data.ximat[body].reshape(3, 3),
+            velocity=data.cvel[body],
+            reference=data.subtree_com[model.body_rootid[body]],
+            origin=data.xpos[body],
+            axes=data.xmat[body].reshape(3, 3),
+            applied=data.qfrc_applied[dofs],
+            passive=data.qfrc_passive[dofs],
+        )
+
+    def write(self, option: mujoco.MjOption, time: float, buoyancy: Array) -> None:
+        """Write the wrench of the water for the state as it stands; buoyancy (H, 6): all hulls'."""
+        self.row[:] = self.resistance.wrench(
+            self.position,
+            self.rotation,
+            self._velocity(),
+            time,
+            [buoyancy[i] for i in self.hulls],
+            self._other_forces(option.gravity),
+            option.timestep,
+        )
+
+    def drag_wrench(self, time: float, buoyancy: Array) -> Array:
+        """The drag alone (6,), as it is."""
+        mine = [buoyancy[i] for i in self.hulls]
+        return self.resistance.drag(self.position, self.rotation, self._velocity(), time, mine)
+
+    def _velocity(self) -> Array:
+        """Velocity (6,) of the centre of mass and angular, world axes."""
+        return velocity_at(self.velocity, self.reference, self.position)
+
+    def _other_forces(self, gravity: Array) -> Array:
+        """Wrench (6,) about the centre of mass of gravity and of the generalised forces known
+        before the step."""
+        return known_wrench(
+            self.resistance.mass,
+            gravity,
+            self.applied,
+            self.passive,
+            self.origin,
+            self.axes,
+            self.position,
+        )
 
 
 class Buoyancy:
@@ -46,11 +137,18 @@ class Buoyancy:
         self.bodies, self.float_bodies = np.unique(
             [f.body for f in self.floats], return_inverse=True
         )
+        self._rows = np.array([f.body for f in self.floats])
         self.calls = 0
         self.seconds = 0.0
         self._fleet, self._others = _sorted_by_call(self.floats)
         self._data: mujoco.MjData | None = None
         self._views: tuple[Array, Array, Array] = ()
+        self._resisted = {
+            int(body): resistance
+            for body in self.bodies
+            if (resistance := self._body_drag(int(body))) is not None
+        }
+        self._resisted_rows: list[_ResistedRow] = []
 
     @classmethod
     def from_model(
@@ -82,6 +180,9 @@ class Buoyancy:
                 "this Buoyancy was made for another model; make one with Buoyancy.from_model(model)"
             )
         mujoco.mj_kinematics(model, data)
+        if self._resisted:
+            _update_velocities(model, data)
+            mujoco.mj_passive(model, data)
         self._write(data)
 
     @contextmanager
@@ -113,15 +214,53 @@ class Buoyancy:
     def wrenches(self, data: mujoco.MjData) -> Array:
         """Wrench of every hull, (H, 6) [N, N m], world axes, torque about its body's centre of
         mass, for the kinematics as they stand in `data`. Writes nothing."""
-        wrenches = np.empty((len(self.floats), 6))
-        for wrench, f in zip(wrenches, self.floats, strict=True):
-            wrench[:] = f.method.wrench(data.xipos[f.body], data.ximat[f.body], data.time)
-        return wrenches
+        return self._hull_wrenches(data.xipos, data.ximat, data.time)
+
+    def drag_wrenches(self, data: mujoco.MjData) -> Array:
+        """Drag on every body of `bodies`, (B, 6) [N, N m], world axes, torque about its centre
+        of mass, for the state in `data`: the force of the water's resistance as such, without
+        added mass. Zero where the model asks for none. Updates the kinematics; writes no force."""
+        drags = np.zeros((len(self.bodies), 6))
+        if not self._resisted:
+            return drags
+        mujoco.mj_kinematics(self.model, data)
+        _update_velocities(self.model, data)
+        if data is not self._data:
+            self._bind(data)
+        buoyancy = self._hull_wrenches(data.xipos, data.ximat, data.time)
+        for row in self._resisted_rows:
+            place = np.searchsorted(self.bodies, row.body)
+            drags[place] = row.drag_wrench(data.time, buoyancy)
+        return drags
+
+    def _body_drag(self, body: int) -> BodyDrag | None:
+        """Drag of a body's hulls; None when no hull has any."""
+        hulls = [f.drag for f in self.floats if f.body == body]
+        if not any(hulls):
+            return None
+        model = self.model
+        free = is_free(model, body)
+        return BodyDrag(model.body_mass[body], model.body_inertia[body], hulls, free)
 
     def _bind(self, data: mujoco.MjData) -> None:
         """Keep views of the arrays of `data`: asking for them anew costs more than using them."""
         self._data = data
         self._views = (data.xipos, data.ximat, data.xfrc_applied)
+        self._resisted_rows = [
+            _ResistedRow.of(
+                self.model, data, body, drag, np.flatnonzero(self._rows == body).tolist()
+            )
+            for body, drag in self._resisted.items()
+        ]
+
+    def _hull_wrenches(self, positions: Array, rotations: Array, time: float) -> Array:
+        """Buoyancy (H, 6) of all hulls for the poses of all bodies (., 3), (., 9)."""
+        wrenches = np.zeros((len(self.floats), 6))
+        if self._fleet is not None:
+            self._fleet.add_wrenches(positions, rotations, time, wrenches)
+        for hull, body, method in self._others:
+            wrenches[hull] = method.wrench(positions[body], rotations[body], time)
+        return wrenches
 
     def _write(self, data: mujoco.MjData) -> None:
         started = perf_counter()
@@ -129,21 +268,27 @@ class Buoyancy:
             self._bind(data)
         time = data.time
         positions, rotations, rows = self._views
-        rows[self.bodies] = 0.0
-        if self._fleet is not None:
-            self._fleet.add_wrenches(positions, rotations, time, rows)
-        for body, method in self._others:
-            rows[body] += method.wrench(positions[body], rotations[body], time)
+        wrenches = self._hull_wrenches(positions, rotations, time)
+        if len(self.bodies) == len(self.floats):
+            rows[self._rows] = wrenches
+        else:
+            rows[self.bodies] = 0.0
+            np.add.at(rows, self._rows, wrenches)
+        for resisted in self._resisted_rows:
+            resisted.write(self.model.opt, time, wrenches)
         self.calls += 1
         self.seconds += perf_counter() - started
 
 
 def _sorted_by_call(
     floats: Sequence[FloatingGeom],
-) -> tuple[PatchFleet | None, list[tuple[int, Method]]]:
-    """The floats that one call computes together, and the others with their bodies."""
-    together = [f for f in floats if isinstance(f.method, Patches)]
-    others = [(f.body, f.method) for f in floats if not isinstance(f.method, Patches)]
+) -> tuple[PatchFleet | None, list[tuple[int, int, Method]]]:
+    """The floats that one call computes together; the place, body and method of the others."""
+    together = [(i, f) for i, f in enumerate(floats) if isinstance(f.method, Patches)]
+    others = [
+        (i, f.body, f.method) for i, f in enumerate(floats) if not isinstance(f.method, Patches)
+    ]
     if not together:
         return None, others
-    return PatchFleet([f.method for f in together], [f.body for f in together]), others
+    methods, poses = [f.method for _, f in together], [f.body for _, f in together]
+    return PatchFleet(methods, poses, [i for i, _ in together]), others

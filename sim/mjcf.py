@@ -12,6 +12,12 @@ A scene is one MJCF file; what concerns the water stands in its `<custom>` eleme
     text    buoyancy_method_<geom>    the same for one geom
     numeric buoyancy_tolerance        m of water height, for methods that take one
     numeric chord_samples             points of a chord, for the method chord
+    numeric drag                      linear, form, friction                   (see sim.drag)
+    numeric drag_<geom>               the same for one geom
+    numeric drag_angular              1/s, decay of the angular momentum
+    numeric drag_angular_<geom>       the same for one geom
+    numeric added_mass                6 coefficients or a 6 x 6 matrix         (see sim.drag)
+    numeric added_mass_<geom>         the same for one geom
     tuple   buoyant                   the geoms whose surface is a hull
 
 Everything else (mass, inertia, joints, initial keyframe, timestep) is MuJoCo's own business.
@@ -25,13 +31,14 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from sim.drag import Drag, DragCoefficients
 from sim.hull import Hull
 from sim.methods import Method, Settings, make_method
 from sim.sea import Sea, Wave
 
 SEA_WATER_DENSITY = 1025.0  # kg/m^3, at 15 degrees C and 35 g/kg of salt
 
-OWN_PREFIXES = ("water", "wave", "sea_", "buoyan", "chord_")
+OWN_PREFIXES = ("water", "wave", "sea_", "buoyan", "chord_", "drag_", "added_mass")
 """Custom elements that begin so are ours: one we do not know is a typing error, not ignored."""
 
 IRREGULAR_SEA = "sea_jonswap"
@@ -51,12 +58,14 @@ DEFAULT_METHOD = "patches"
 
 @dataclass(frozen=True)
 class FloatingGeom:
-    """A geom that the water pushes: its name, its body's id, and the method that knows its wrench;
-    the method's hull is given in the body's inertial frame (xipos, ximat)."""
+    """A geom that the water pushes: its name, its body's id, the method that knows its wrench, and
+    its drag and added mass, if the model asks for them; the hull of both is given in the body's
+    inertial frame (xipos, ximat)."""
 
     name: str
     body: int
     method: Method
+    drag: Drag | None = None
 
 
 def read_model(
@@ -73,6 +82,7 @@ def read_model(
     geom_ids = _buoyant_geoms(model)
     settings = _read_settings(numerics, tolerance)
     _check_geoms_of_methods(model, texts, geom_ids)
+    _check_geom_numerics(model, numerics, geom_ids)
     floats = []
     known: dict[tuple[str, bytes, bytes], Method] = {}
     for g in geom_ids:
@@ -84,7 +94,8 @@ def read_model(
         except ValueError as error:
             raise ValueError(f"{source}: {error}") from None
         known[same] = made
-        floats.append(FloatingGeom(name, int(model.geom_bodyid[g]), made))
+        drag = _read_drag(model, numerics, g, hull, sea)
+        floats.append(FloatingGeom(name, int(model.geom_bodyid[g]), made, drag))
     return sea, tuple(floats)
 
 
@@ -118,7 +129,7 @@ def _names(model: mujoco.MjModel, kind: mujoco.mjtObj, count: int) -> Iterator[t
     """Index and name of the custom elements of one kind that are ours."""
     for i in range(count):
         name = mujoco.mj_id2name(model, kind, i) or ""
-        if name.startswith(OWN_PREFIXES):
+        if name.startswith(OWN_PREFIXES) or name == "drag":
             yield i, name
 
 
@@ -126,37 +137,139 @@ def _refuse_unknown(kind: str, name: str, known: str) -> None:
     raise ValueError(f"custom {kind} '{name}' is unknown; expected {known}: correct or rename it")
 
 
+@dataclass(frozen=True)
+class NumericKind:
+    """What a custom numeric of ours holds: how many numbers, what they mean, and whether a geom
+    may have its own ('<name>_<geom>')."""
+
+    sizes: tuple[int, ...]
+    meaning: str
+    per_geom: bool = False
+
+
+WAVE = NumericKind((4,), "amplitude m, wavelength m, heading deg, phase deg")
+
+NUMERICS = {
+    "water_density": NumericKind((1,), "kg/m^3"),
+    "water_level": NumericKind((1,), "m"),
+    IRREGULAR_SEA: NumericKind(
+        (2, 3, 4, 5, 6, 7),
+        "significant height m, peak period s, gamma, heading deg, spread deg, waves, seed",
+    ),
+    "buoyancy_tolerance": NumericKind((1,), "m of water height"),
+    "chord_samples": NumericKind((1,), "points of a chord"),
+    "drag_angular": NumericKind((1,), "1/s", per_geom=True),
+    "drag": NumericKind((3,), "linear, form, friction", per_geom=True),
+    "added_mass": NumericKind((6, 36), "coefficients, or a matrix row by row", per_geom=True),
+}
+"""The custom numerics we know, besides the waves; a name that begins another comes before it."""
+
+
+def _numeric_kind(name: str) -> NumericKind | None:
+    if name.startswith("wave_"):
+        return WAVE
+    base = _base_of(name)
+    return None if base is None else NUMERICS[base]
+
+
+def _base_of(name: str) -> str | None:
+    """The known numeric that a name is, or is one geom's own of."""
+    for base, kind in NUMERICS.items():
+        if name == base or (kind.per_geom and name.startswith(f"{base}_")):
+            return base
+    return None
+
+
 def _own_numerics(model: mujoco.MjModel) -> dict[str, NDArray[np.float64]]:
-    single = ("water_density", "water_level", "buoyancy_tolerance", "chord_samples")
-    known = f"{', '.join(single)}, {IRREGULAR_SEA} or wave_<name>"
     found = {}
     for i, name in _names(model, mujoco.mjtObj.mjOBJ_NUMERIC, model.nnumeric):
+        kind = _numeric_kind(name)
+        if kind is None:
+            known = [b + "[_<geom>]" * k.per_geom for b, k in NUMERICS.items()]
+            _refuse_unknown("numeric", name, f"{', '.join(known)} or wave_<name>")
         values = np.array(model.numeric(i).data)
-        if name in single:
-            _check_count(name, values, range(1, 2))
-        elif name == IRREGULAR_SEA:
-            meaning = (
-                "significant height m, peak period s, gamma, heading deg, spread deg, waves, seed"
+        if values.size not in kind.sizes:
+            several = len(kind.sizes) > 2
+            expected = (" to " if several else " or ").join(
+                map(str, (kind.sizes[0], kind.sizes[-1]) if several else kind.sizes)
             )
-            _check_count(name, values, range(2, 8), meaning)
-        elif name.startswith("wave_"):
-            meaning = "amplitude m, wavelength m, heading deg, phase deg"
-            _check_count(name, values, range(4, 5), meaning)
-        else:
-            _refuse_unknown("numeric", name, known)
+            raise ValueError(
+                f"custom numeric '{name}' has {values.size} number{'s' * (values.size != 1)}; "
+                f"expected {expected}: {kind.meaning}"
+            )
         found[name] = values
     return found
 
 
-def _check_count(
-    name: str, values: NDArray[np.float64], counts: range, meaning: str | None = None
+def _check_geom_numerics(
+    model: mujoco.MjModel, numerics: dict[str, NDArray[np.float64]], geom_ids: list[int]
 ) -> None:
-    if values.size not in counts:
-        expected = " to ".join(str(n) for n in sorted({counts[0], counts[-1]}))
+    """Refuse a geom's own numeric whose geom does not float."""
+    names = [model.geom(g).name for g in geom_ids]
+    for numeric in numerics:
+        base = _base_of(numeric)
+        if base in (None, numeric) or numeric.removeprefix(f"{base}_") in names:
+            continue
         raise ValueError(
-            f"custom numeric '{name}' has {values.size} number{'s' * (values.size != 1)}; "
-            f"expected {expected}" + (f": {meaning}" if meaning else "")
+            f"custom numeric '{numeric}' names no geom of the tuple 'buoyant' "
+            f"(which has {', '.join(names)}); correct the name or list the geom"
         )
+
+
+def _read_drag(
+    model: mujoco.MjModel,
+    numerics: dict[str, NDArray[np.float64]],
+    geom: int,
+    hull: Hull,
+    sea: Sea,
+) -> Drag | None:
+    """Drag and added mass of a geom: its own, else the scene's, else none."""
+    name = model.geom(geom).name
+    sources = {
+        base: own if (own := f"{base}_{name}") in numerics else base
+        for base in ("drag", "drag_angular", "added_mass")
+    }
+    values = {base: numerics.get(source) for base, source in sources.items()}
+    strengths = np.zeros(4)
+    if values["drag"] is not None:
+        strengths[:3] = values["drag"]
+    if values["drag_angular"] is not None:
+        strengths[3] = values["drag_angular"][0]
+    added_mass = values["added_mass"]
+    if not strengths.any() and (added_mass is None or not added_mass.any()):
+        return None
+    _check_added_mass_place(model, geom, sources["added_mass"], added_mass)
+    try:
+        return Drag(hull, sea, DragCoefficients(*strengths), added_mass)
+    except ValueError as error:
+        asked = " and ".join(f"'{s}'" for s in sources.values() if s in numerics)
+        raise ValueError(f"custom numeric {asked}: {error}") from None
+
+
+def is_free(model: mujoco.MjModel, body: int) -> bool:
+    """Whether a body is alone on a free joint."""
+    root = int(model.body_rootid[body])
+    joint = int(model.body_jntadr[body])
+    return (
+        root == body
+        and joint >= 0
+        and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+        and np.count_nonzero(model.body_rootid == root) == 1
+    )
+
+
+def _check_added_mass_place(
+    model: mujoco.MjModel, geom: int, numeric: str, added_mass: NDArray[np.float64] | None
+) -> None:
+    body = int(model.geom_bodyid[geom])
+    if added_mass is None or not added_mass.any() or is_free(model, body):
+        return
+    raise ValueError(
+        f"custom numeric '{numeric}' gives geom '{model.geom(geom).name}' an added mass, but its "
+        f"body '{model.body(body).name}' is not alone on a free joint, and what its joints carry "
+        "is not known when the water's push is; give added mass to free bodies only "
+        "(added_mass_<geom>), or this geom six zeros"
+    )
 
 
 def _own_texts(model: mujoco.MjModel) -> dict[str, str]:

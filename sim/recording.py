@@ -5,7 +5,7 @@ Entities, all in world axes [m]:
     world/water                     the surface around the bodies, made of its own particles
     world/bodies/<body>             pose of the body frame; below it its hulls, wet parts darker
     world/waterline                 where the surface meets the hulls
-    world/forces/buoyancy, weight   arrows at the centres of mass
+    world/forces/<force>            arrows at the centres of mass: buoyancy, weight, drag
     world/trail                     where the centres of mass have just been
     world/focus                     what the camera looks at and moves with
     plots/<quantity>/<body>         height and water height [m], tilt [deg], submerged
@@ -78,7 +78,7 @@ ARROW_IN_HULLS = 0.55
 """Length of the weight's arrow in diagonals of the body's largest hull."""
 
 WATERLINE_COLOUR = (255, 255, 255)
-FORCE_COLOURS = {"buoyancy": (80, 200, 120), "weight": (220, 80, 60)}
+FORCE_COLOURS = {"buoyancy": (80, 200, 120), "weight": (220, 80, 60), "drag": (240, 180, 60)}
 
 PLOTS = {
     "height": "Height of body and water [m]",
@@ -402,7 +402,7 @@ class Recorder:
     def _log_forces(self, sample: Sample) -> None:
         """Arrows at the centres of mass; the weight's vectors never change."""
         origins = sample.centres.astype(np.float32)
-        wrenches = {"buoyancy": sample.body_wrenches}
+        wrenches = {"buoyancy": sample.body_wrenches, "drag": sample.drag_wrenches}
         for name, wrench in wrenches.items():
             vectors = (self._metres_per_newton * wrench[:, :3]).astype(np.float32)
             arrows = rr.Arrows3D.from_fields(vectors=vectors, origins=origins)
@@ -632,7 +632,7 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
     text = rrb.TextDocumentView(origin="overview", name="Overview")
     tabs = rrb.Tabs(*forces, active_tab=0)
     plots = rrb.Vertical(height, tilt, tabs, text, row_shares=PLOT_SHARES)
-    title = f"{scene.name}: waterline white, buoyancy green, weight red"
+    title = f"{scene.name}: waterline white, buoyancy green, weight red, drag orange"
     return _arranged(_view(scene, title), plots, [2, 1])
 
 

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.divergence import DivergenceError, Watch, remedy
 from sim.scene import Scene
 
 Array = NDArray[np.float64]
@@ -21,20 +22,6 @@ WARNINGS_OF_DIVERGENCE = {
 """MuJoCo answers these by resetting the state and stepping on; we stop instead."""
 
 
-class DivergenceError(RuntimeError):
-    """The state is no longer a number. `body` is the name of the body, `time` [s] when it was
-    noticed; `str()` adds the remedy."""
-
-    def __init__(self, body: str, time: float, timestep: float, what: str) -> None:
-        self.body = body
-        self.time = time
-        super().__init__(
-            f"body '{body}' diverged at {time:.4f} s: its {what} is not finite or huge; try a "
-            f"timestep below {timestep:g} s, and check the body's mass and inertia and that the "
-            "bodies do not overlap at the start"
-        )
-
-
 @dataclass(frozen=True)
 class Sample:
     """The state of a scene at one instant, all of it for that same instant.
@@ -43,8 +30,9 @@ class Sample:
     `scene.buoyancy.body_names`: positions (B, 3) [m] and quaternions (B, 4) (w, x, y, z) of the
     body frame, centres (B, 3) [m] of mass, elevations (B,) [m] of the water at the centres,
     tilts (B,) [rad] between the body's z axis and the vertical, submerged_fractions (B,)
-    of the hulls' volume, body_wrenches (B, 6) [N, N m] about the centres; for the H hulls
-    wrenches (H, 6) likewise. World axes. step_seconds, buoyancy_seconds: wall time
+    of the hulls' volume, body_wrenches (B, 6) [N, N m] of buoyancy about the centres,
+    drag_wrenches (B, 6) of drag likewise (0 without); for the H hulls wrenches (H, 6) of
+    buoyancy likewise. World axes. step_seconds, buoyancy_seconds: wall time
     that all steps so far took, and the part of it spent on buoyancy.
     """
 
@@ -58,6 +46,7 @@ class Sample:
     submerged_fractions: Array
     wrenches: Array
     body_wrenches: Array
+    drag_wrenches: Array
     step_seconds: float
     buoyancy_seconds: float
 
@@ -82,23 +71,27 @@ def _samples(scene: Scene, duration: float, rate: float) -> Iterator[Sample]:
     last_step = max(1, round(duration / timestep))
     spent_before = scene.buoyancy.seconds
     step, step_seconds = 0, 0.0
+    watch = Watch(scene)
     yield observe(scene, step)
     while step < last_step:
         frame = np.floor(step * timestep * rate + 1e-9) + 1.0
         due = int(np.ceil(frame / (rate * timestep) - 1e-9))
         due = min(max(due, step + 1), last_step)
+        watch.begin()
         started = perf_counter()
         with scene.buoyancy.installed():
             for _ in range(step, due):
-                _step(scene)
+                _step(scene, watch.start)
         step_seconds += perf_counter() - started
+        watch.check()
         step = due
         buoyancy_seconds = scene.buoyancy.seconds - spent_before
         yield observe(scene, step, step_seconds, buoyancy_seconds)
 
 
-def _step(scene: Scene) -> None:
-    """One mj_step; raises DivergenceError where MuJoCo would reset the state."""
+def _step(scene: Scene, start: Array) -> None:
+    """One mj_step of a run that started at the positions `start`; raises DivergenceError where
+    MuJoCo would reset the state."""
     model, data = scene.model, scene.data
     time = data.time
     counts = data.warning.number
@@ -110,17 +103,17 @@ def _step(scene: Scene) -> None:
     for warning, what in WARNINGS_OF_DIVERGENCE.items():
         if counts[warning] != earlier[warning]:
             body = _body_of(model, warning, int(data.warning[warning].lastinfo))
-            raise DivergenceError(body, time, model.opt.timestep, what)
+            name = model.body(body).name or f"body {body}"
+            what = f"{what} is not finite or huge"
+            raise DivergenceError(name, time, what, remedy(scene, start, body))
 
 
-def _body_of(model: mujoco.MjModel, warning: int, index: int) -> str:
-    """Name of the body whose coordinate MuJoCo's warning points at."""
+def _body_of(model: mujoco.MjModel, warning: int, index: int) -> int:
+    """The body whose coordinate MuJoCo's warning points at."""
     if warning == mujoco.mjtWarning.mjWARN_BADQPOS:
         joint = int(np.searchsorted(model.jnt_qposadr, index, side="right")) - 1
-        body = int(model.jnt_bodyid[joint])
-    else:
-        body = int(model.dof_bodyid[index])
-    return model.body(body).name or f"body {body}"
+        return int(model.jnt_bodyid[joint])
+    return int(model.dof_bodyid[index])
 
 
 def observe(
@@ -153,6 +146,7 @@ def observe(
         submerged_fractions=body_wrenches[:, 2] / (sea.density * sea.gravity * volumes),
         wrenches=wrenches,
         body_wrenches=body_wrenches,
+        drag_wrenches=buoyancy.drag_wrenches(data),
         step_seconds=step_seconds,
         buoyancy_seconds=buoyancy_seconds,
     )

@@ -136,7 +136,9 @@ def _record_and_fail(path, twins) -> None:
 def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path):
     """Negative damping feeds the cube's motion until the numbers overflow."""
     scene = (MODELS / "cube.xml").read_text()
-    (tmp_path / "wild.xml").write_text(scene.replace('damping="300"', 'damping="-5000"'))
+    still, wild = '<freejoint name="cube"/>', '<joint type="free" damping="-5000"/>'
+    assert still in scene
+    (tmp_path / "wild.xml").write_text(scene.replace(still, wild))
     result = compare(
         "wild.xml", "--methods", "linear", "chord:4", "--record", "wild.rrd", "--json", "out.json",
         cwd=tmp_path,

@@ -13,10 +13,12 @@ LAYERS = {
     "hull": set(),
     "triangle": {"gerstner"},
     "methods": {"gerstner", "sea", "hull", "triangle"},
-    "mjcf": {"methods", "sea", "hull"},
-    "coupling": {"mjcf", "methods", "sea"},
+    "drag": {"gerstner", "sea", "hull", "triangle"},
+    "mjcf": {"methods", "drag", "sea", "hull"},
+    "coupling": {"mjcf", "methods", "drag", "sea"},
     "scene": {"coupling"},
-    "simulation": {"scene"},
+    "divergence": {"scene"},
+    "simulation": {"scene", "divergence"},
     "waterline": {"sea"},
     "skin": {"simulation", "coupling", "hull", "waterline"},
     "recording": {"simulation", "scene", "skin", "waterline", "sea"},
@@ -25,10 +27,10 @@ LAYERS = {
 """What each layer may import from the others."""
 
 OUTSIDE = {
-    "mujoco": {"mjcf", "coupling", "scene", "simulation"},
+    "mujoco": {"mjcf", "coupling", "scene", "divergence", "simulation"},
     "trimesh": {"mjcf"},
     "rerun": {"recording"},
-    "numba": {"gerstner", "triangle", "methods"},
+    "numba": {"gerstner", "triangle", "methods", "drag"},
 }
 """Which layers may import a package from outside."""
 

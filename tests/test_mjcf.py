@@ -7,7 +7,7 @@ import trimesh
 from scenes import CUBE, WAVES, model, xml
 
 from independent import MODELS, ROUND_OFF
-from sim import Buoyancy, Chord, Linear
+from sim import Buoyancy, Chord, DragCoefficients, Linear
 
 
 def test_reads_the_sea():
@@ -25,7 +25,8 @@ def test_gravity_is_the_models_own():
 
 
 def test_other_peoples_custom_elements_are_left_alone():
-    other = '<numeric name="gain" data="1 2"/><text name="author" data="me"/>'
+    other = '<numeric name="gain" data="1 2"/><numeric name="dragon" data="1"/>'
+    other += '<text name="author" data="me"/>'
     assert len(Buoyancy.from_model(model(custom=other)).floats) == 1
 
 
@@ -82,6 +83,43 @@ def test_method_of_one_geom_overrules_the_scenes_and_the_caller_overrules_both()
     assert (type(cube), cube.samples, type(ball)) == (Chord, 7, Linear)
     floats = Buoyancy.from_model(compiled, method="chord:2:crests").floats
     assert all(f.method.samples == 2 and f.method.crests_only for f in floats)
+
+
+def numbers(matrix: np.ndarray) -> str:
+    return " ".join(f"{x:g}" for x in matrix.ravel())
+
+
+TWO_CUBES = CUBE + CUBE.replace('"cube"', '"crate"').replace("0 0 0", "3 0 0")
+
+
+def test_drag_and_added_mass_of_one_geom_overrule_the_scenes():
+    custom = (
+        '<numeric name="drag" data="0.2 1 0.005"/><numeric name="drag_angular" data="0.5"/>'
+        '<numeric name="added_mass" data="0.5 0.5 0.5 0 0 0"/>'
+        '<numeric name="drag_crate" data="0.3 2 0"/><numeric name="drag_angular_crate" data="0"/>'
+        f'<numeric name="added_mass_crate" data="{numbers(np.eye(6))}"/>'
+    )
+    cube, crate = Buoyancy.from_model(model(TWO_CUBES, ("cube", "crate"), custom)).floats
+    assert cube.drag.coefficients == DragCoefficients(0.2, 1.0, 0.005, 0.5)
+    assert crate.drag.coefficients == DragCoefficients(0.3, 2.0, 0.0, 0.0)
+    expected = np.diag([1025.0 / 2.0] * 3 + [0.0] * 3)
+    np.testing.assert_allclose(cube.drag.added_mass, expected, atol=1e-9)
+    np.testing.assert_array_equal(crate.drag.added_mass, np.eye(6))
+
+
+def test_drag_is_off_unless_a_scene_asks():
+    assert Buoyancy.from_model(model()).floats[0].drag is None
+    custom = '<numeric name="drag_cube" data="0.2 1 0"/>'
+    cube, crate = Buoyancy.from_model(model(TWO_CUBES, ("cube", "crate"), custom)).floats
+    assert cube.drag is not None
+    assert crate.drag is None
+
+
+def test_six_zeros_take_the_added_mass_from_one_geom():
+    slide = CUBE.replace("<freejoint/>", '<joint type="slide" axis="0 0 1"/>')
+    custom = '<numeric name="added_mass" data="1 1 1 0 0 0"/>'
+    custom += '<numeric name="added_mass_cube" data="0 0 0 0 0 0"/>'
+    assert Buoyancy.from_model(model(slide, custom=custom)).floats[0].drag is None
 
 
 def mesh_model(file: str) -> str:
@@ -172,6 +210,55 @@ REFUSALS = {
     "negative tolerance": (
         dict(custom='<numeric name="buoyancy_tolerance" data="-1"/>'),
         "tolerance is -1 m.*above 0",
+    ),
+    "two drags": (
+        dict(custom='<numeric name="drag" data="0.2 1"/>'),
+        "'drag' has 2 numbers; expected 3: linear, form, friction",
+    ),
+    "negative drag": (
+        dict(custom='<numeric name="drag_cube" data="0.2 -1 0"/>'),
+        "'drag_cube': the form drag coefficient is -1.*0 or more",
+    ),
+    "endless drag": (
+        dict(custom='<numeric name="drag_angular" data="inf"/>'),
+        "'drag_angular': the angular drag coefficient is inf",
+    ),
+    "drag of an unknown geom": (
+        dict(custom='<numeric name="drag_ball" data="0.2 1 0"/>'),
+        "'drag_ball' names no geom of the tuple 'buoyant' .which has cube",
+    ),
+    "angular drag of an unknown geom": (
+        dict(custom='<numeric name="drag_angular_ball" data="1"/>'),
+        "'drag_angular_ball' names no geom",
+    ),
+    "seven added masses": (
+        dict(custom='<numeric name="added_mass" data="1 1 1 0 0 0 0"/>'),
+        "'added_mass' has 7 numbers; expected 6 or 36: coefficients, or a matrix",
+    ),
+    "negative added mass": (
+        dict(custom='<numeric name="added_mass_cube" data="1 1 -0.5 0 0 0"/>'),
+        "'added_mass_cube': the added mass has a negative coefficient, -0.5",
+    ),
+    "added mass that is no number": (
+        dict(custom='<numeric name="added_mass" data="1 1 nan 0 0 0"/>'),
+        "'added_mass': the added mass has a number that is not finite",
+    ),
+    "asymmetric added mass": (
+        dict(custom=f'<numeric name="added_mass" data="{numbers(np.eye(6) + np.eye(6, k=1))}"/>'),
+        "'added_mass': the added mass matrix is not symmetric.*differ by 1;",
+    ),
+    "indefinite added mass": (
+        dict(custom=f'<numeric name="added_mass" data="{numbers(np.diag([1, 1, 1, 1, 1, -2]))}"/>'),
+        "negative eigenvalue -2: .*positive semidefinite",
+    ),
+    "added mass of a link": (
+        dict(bodies=CUBE.replace("<freejoint/>", '<joint type="slide" axis="0 0 1"/>'),
+             custom='<numeric name="added_mass" data="1 1 1 0 0 0"/>'),
+        "geom 'cube' an added mass, but its body 'cube' is not alone on a free joint",
+    ),
+    "misspelt added mass": (
+        dict(custom='<numeric name="added_masses" data="1 1 1 0 0 0"/>'),
+        "numeric 'added_masses' is unknown.*added_mass",
     ),
     "no water": (
         dict(custom="", extra='<custom><numeric name="water_level" data="nan"/></custom>'),

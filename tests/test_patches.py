@@ -268,14 +268,14 @@ def test_a_fleet_shares_trees_and_agrees_with_its_members():
     positions = np.array([p for p, _, _ in poses])
     rotations = np.array([r.ravel() for _, r, _ in poses])
     out = np.ones((4, 6))
-    methods, rows = [shared, other, shared, other], [2, 0, 1, 2]
-    PatchFleet(methods, rows).add_wrenches(positions, rotations, 0.6, out)
+    methods, at, rows = [shared, other, shared, other], [2, 0, 1, 2], [0, 3, 1, 0]
+    PatchFleet(methods, at, rows).add_wrenches(positions, rotations, 0.6, out)
     expected = np.ones((4, 6))
-    for method, row in zip(methods, rows, strict=True):
-        expected[row] += method.wrench(positions[row], rotations[row], 0.6)
+    for method, pose, row in zip(methods, at, rows, strict=True):
+        expected[row] += method.wrench(positions[pose], rotations[pose], 0.6)
     np.testing.assert_allclose(out, expected, rtol=1e-9)
     with pytest.raises(ValueError, match="float in one sea"):
-        PatchFleet([shared, Patches(ball, three_waves())], [0, 1])
+        PatchFleet([shared, Patches(ball, three_waves())], [0, 1], [0, 1])
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan])

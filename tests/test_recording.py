@@ -177,7 +177,7 @@ def test_overview_tells_the_scene_and_at_the_end_the_means(run):
     scene, samples, path = run
     _, texts = read(path, "overview", "TextDocument:text")
     before, after = (str(text[0]) for text in texts)
-    for expected in ("trio", "2 ms", "0.06 x 2.4 m", "bunny: 3,674 faces", "linear"):
+    for expected in ("trio", "2 ms", "0.06 x 2.4 m", "bunny: 3,674 faces", "patches"):
         assert expected in before
     assert after.startswith(before)
     tally = Tally(scene)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -79,21 +80,54 @@ BROKEN = {
     ),
     "unknown option": ([MODELS / "cube.xml", "--fast"], "unrecognized arguments: --fast"),
     "unwritable": ([MODELS / "cube.xml", "--record", "broken.xml/a.rrd"], "broken.xml"),
+    "full device": ([MODELS / "cube.xml", "--record", "/dev/full"], "No space left on device"),
+    "a folder to record to": ([MODELS / "cube.xml", "--record", "."], "Is a directory"),
+    "a folder as scene": (["."], "there is no scene file ."),
+    "an empty file": (["void.xml"], "MuJoCo cannot compile it"),
+    "not text": (["noise.xml"], "MuJoCo cannot compile it"),
+    "a missing mesh": (["meshless.xml"], "MuJoCo cannot compile it"),
+    "folding waves": (["folding.xml"], "the waves fold"),
+    "unknown field": (["misspelt.xml"], "'water_densty' is unknown"),
+    "negative drag": (["drag.xml"], "'drag': the form drag coefficient is -1"),
+    "record or not": (
+        [MODELS / "cube.xml", "--record", "a.rrd", "--no-record"],
+        "not allowed with argument",
+    ),
+    "no scene": ([], "arguments are required: SCENE"),
+    "not a timestep": ([MODELS / "cube.xml", "--timestep", "nan"], "--timestep: nan is not"),
     "unwritable summary": ([MODELS / "cube.xml", "--json", "none/a.json"], "none/a.json"),
 }
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_unusable_input_gives_one_line_and_status_2(case, tmp_path):
+def test_unusable_input_gives_one_line_and_status_2(case, tmp_path, monkeypatch, capsys):
+    """In this process, which saves starting one for each; the other tests run the script."""
     arguments, message = BROKEN[case]
     (tmp_path / "broken.xml").write_text("<mujoco><wave/></mujoco>")
     (tmp_path / "empty.xml").write_text("<mujoco/>")
+    cube = (MODELS / "cube.xml").read_text()
+    missing = '<asset><mesh file="no.obj"/></asset>'
+    variants = {
+        "void.xml": "",
+        "noise.xml": "\x00\x01<<<",
+        "meshless.xml": cube.replace("<worldbody>", missing + "<worldbody>"),
+        "folding.xml": cube.replace("0.10 4.0 0 0", "1.0 4.0 0 0"),
+        "misspelt.xml": cube.replace("water_density", "water_densty"),
+        "drag.xml": cube.replace('data="0.2 1.05', 'data="0.2 -1'),
+    }
+    for name, text in variants.items():
+        (tmp_path / name).write_text(text)
     before = sorted(tmp_path.rglob("*"))
-    result = run(*arguments, cwd=tmp_path)
-    assert result.returncode == 2
-    assert result.stdout == ""
-    assert message in result.stderr
-    assert result.stderr.count("\n") == 1
+    monkeypatch.chdir(tmp_path)
+    script = runpy.run_path(RUN[1])
+    try:
+        status = script["main"]([str(a) for a in arguments])
+    except SystemExit as left:
+        status = left.code
+    stdout, stderr = capsys.readouterr()
+    assert (status, stdout) == (2, "")
+    assert message in stderr
+    assert stderr.count("\n") == 1
     assert sorted(tmp_path.rglob("*")) == before  # and nothing is left behind
 
 
@@ -114,7 +148,10 @@ def test_recording_has_the_rate_and_the_water_asked_for(tmp_path):
 def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path):
     """Negative damping feeds the cube's motion until the numbers overflow."""
     scene = (MODELS / "cube.xml").read_text()
-    (tmp_path / "wild.xml").write_text(scene.replace('damping="300"', 'damping="-5000"'))
+    still = '<freejoint name="cube"/>'
+    wild = '<joint type="free" damping="-5000"/>'
+    assert still in scene
+    (tmp_path / "wild.xml").write_text(scene.replace(still, wild))
     result = run("wild.xml", "--record", "wild.rrd", cwd=tmp_path)
     assert result.returncode == 3, result.stderr
     assert "body 'cube' diverged at" in result.stderr
@@ -123,28 +160,53 @@ def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path):
     assert sum(chunk.num_rows for chunk in chunks if not chunk.is_static) >= 2
 
 
-def test_ctrl_c_leaves_a_readable_recording(tmp_path):
+def recorded_until(path) -> float:
+    """Last instant [s] in a recording, of the slowest of its entities."""
+    last = {}
+    for chunk in RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        if "time" in batch.schema.names:
+            time_s = batch.column("time").cast("int64").to_numpy().max() * 1e-9
+            last[chunk.entity_path] = max(last.get(chunk.entity_path, 0.0), time_s)
+    return min(last.values())
+
+
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)]
+)
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # a killed file has none
+def test_a_stopped_run_leaves_a_readable_recording(tmp_path, number, status):
     process = subprocess.Popen(
         [*RUN, str(MODELS / "cube.xml"), "--duration", "1000", "--record", "cut.rrd"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     deadline = time.monotonic() + 60.0
     recording = tmp_path / "cut.rrd"
-    while not (recording.exists() and recording.stat().st_size > 300_000):
+    while not (recording.exists() and recording.stat().st_size > 1_500_000):
         assert time.monotonic() < deadline
         assert process.poll() is None
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
+        time.sleep(0.02)
+    process.send_signal(number)
     stdout, stderr = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert stderr.strip().endswith("interrupted")
-    assert "cube" in stdout  # the summary of what was done
-    chunks = list(RrdReader(recording).stream().filter(content="/plots/height/cube"))
-    heights = [
-        value
-        for chunk in chunks
-        if not chunk.is_static
-        for value in chunk.to_record_batch().column("Scalars:scalars").to_pylist()
-    ]
-    assert len(heights) > 10
-    assert np.isfinite(np.ravel(heights)).all()
+    assert process.returncode == status
+    if number != signal.SIGKILL:
+        assert stderr.strip().endswith("interrupted" if status == 130 else "terminated")
+        assert "cube" in stdout  # the summary of what was done
+    assert recorded_until(recording) >= 1.0
+
+
+def test_a_full_disk_is_a_clean_stop(tmp_path):
+    """A limit on the size of files stands for it; nothing of what was flushed is lost."""
+    limit = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (1500000,) * 2); "
+    start = "import os; os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    result = subprocess.run(
+        [sys.executable, "-c", limit + start, RUN[1], str(MODELS / "cube.xml"), "--duration", "60",
+         "--record", "full.rrd"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=100,
+    )  # fmt: skip
+    assert result.returncode == 4, result.stderr
+    assert "full.rrd: the recording cannot be written" in result.stderr
+    assert "Traceback" not in result.stderr
+    assert "cube" in result.stdout
+    with pytest.warns(match="no footer"):
+        assert recorded_until(tmp_path / "full.rrd") >= 1.0

@@ -111,7 +111,7 @@ class Patches:
         self.tolerance = float(tolerance)
         self.radius = patch_radius(sea, self.tolerance, side)
         self.tree = build_tree(hull, self.radius, longest_edge(sea, self.tolerance))
-        self._fleet = PatchFleet([self], [0])
+        self._fleet = PatchFleet([self], [0], [0])
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
         """Force [N] and torque [N m] about the position, world axes: (6,).
@@ -129,11 +129,13 @@ class Patches:
 class PatchFleet:
     """Several hulls in one sea, computed in one call; those with the same tree share it.
 
-    methods: Patches, all for the same sea; rows: for each the row that it has in the arrays
-    given to `add_wrenches`; several may have the same.
+    methods: Patches, all for the same sea; poses: for each the row of its pose in the arrays
+    given to `add_wrenches`; rows: its row in what that adds to (several may have the same).
     """
 
-    def __init__(self, methods: Sequence[Patches], rows: Sequence[int]) -> None:
+    def __init__(
+        self, methods: Sequence[Patches], poses: Sequence[int], rows: Sequence[int]
+    ) -> None:
         self._sea = sea = methods[0].sea
         if any(method.sea is not sea for method in methods):
             raise ValueError("the hulls of a fleet float in one sea; make a fleet for each sea")
@@ -141,15 +143,18 @@ class PatchFleet:
         first = np.cumsum([0] + [len(tree.patches) for tree in trees])
         which = [next(i for i, t in enumerate(trees) if t is m.tree) for m in methods]
         self._instances = np.array(
-            [[first[w], first[w + 1], row] for w, row in zip(which, rows, strict=True)]
+            [
+                [first[w], first[w + 1], pose, row]
+                for w, pose, row in zip(which, poses, rows, strict=True)
+            ]
         )
         self._reals, self._integers = packed(joined(trees))
         self._residual = jet_residual(sea, min(method.radius for method in methods))
         self._steps = jet_steps(sea, self._residual)
 
     def add_wrenches(self, positions: Array, rotations: Array, time: float, out: Array) -> None:
-        """Add each hull's wrench, as of `Patches.wrench`, to its row of out (N, 6), for the pose in
-        its row of positions (N, 3) [m] and rotations (N, 9)."""
+        """Add each hull's wrench, as of `Patches.wrench`, to its row of out (., 6), for its pose
+        among positions (., 3) [m] and rotations (., 9)."""
         sea = self._sea
         fleet_wrenches(
             self._reals,
@@ -445,7 +450,7 @@ def fleet_wrenches(
     reals, integers, instances, components, residual, steps, level, amplitude, scale,
     positions, rotations, time, out,
 ):  # fmt: skip
-    """Add the wrenches of all instances (H, 3), first patch, end and row, to the rows of out."""
+    """Add the wrenches of all instances (H, 4), first patch, end, pose and row, to out (., 6)."""
     patches, patch_nodes, nodes, links, places, weights, triangles, areas, leaves = unpacked(
         reals, integers
     )
@@ -472,11 +477,11 @@ def fleet_wrenches(
         chosen, owner, polynomials, body,
     )  # fmt: skip
     for i in range(instances.shape[0]):
-        row = instances[i, 2]
-        if not np.isfinite(np.sum(positions[row]) + np.sum(rotations[row])):
+        pose, row = instances[i, 2], instances[i, 3]
+        if not np.isfinite(np.sum(positions[pose]) + np.sum(rotations[pose])):
             body[i] = np.nan  # else no node would be wet and the hull would seem to be dry
         for j in range(3):
             for k in range(3):
-                factor = scale * rotations[row, 3 * j + k]
+                factor = scale * rotations[pose, 3 * j + k]
                 out[row, j] += factor * body[i, k]
                 out[row, 3 + j] += factor * body[i, 3 + k]

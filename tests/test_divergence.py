@@ -1,0 +1,127 @@
+"""Divergence: what is noticed, which cause is named, and what is no divergence."""
+
+import numpy as np
+import pytest
+from scenes import CUBE, WAVES, model
+
+from independent import MODELS
+from sim import DivergenceError, Scene, simulate
+from sim.divergence import body_energies
+
+BALL = """
+    <body name="ball" pos="0 0 {z}"><freejoint/>
+      <geom name="ball" type="sphere" size="0.1" density="{density}"/></body>"""
+
+
+@pytest.fixture(autouse=True)
+def _quiet_mujoco(tmp_path, monkeypatch):
+    """MuJoCo writes its warnings to a log file in the current folder."""
+    monkeypatch.chdir(tmp_path)
+
+
+def ball(density: float, timestep: float, z: float = 0.05, custom: str = "") -> Scene:
+    option = f'<option timestep="{timestep}"/>'
+    body = BALL.format(density=density, z=z)
+    return Scene.from_model(model(body, ("ball",), custom, option=option))
+
+
+def broken(scene: Scene) -> str:
+    """The message after a position becomes NaN half way."""
+    samples = simulate(scene, 1.0, 100.0)
+    next(samples)
+    next(samples)
+    scene.data.qpos[0] = np.nan
+    with pytest.raises(DivergenceError) as caught:
+        next(samples)
+    return str(caught.value)
+
+
+def test_a_ball_too_light_for_its_timestep_is_stopped_with_its_h_omega():
+    """All its numbers are finite and MuJoCo has no warning; what is wrong is its energy."""
+    scene = ball(density=0.5, timestep=0.02)
+    with pytest.raises(DivergenceError, match="energy cannot be explained") as caught:
+        list(simulate(scene, 60.0))
+    assert caught.value.body == "ball"
+    assert np.isfinite(scene.data.qpos).all()
+    assert not scene.data.warning.number.any()
+    area, mass = np.pi * 0.01, scene.model.body_mass[1]
+    h_omega = 0.02 * np.sqrt(1025.0 * 9.81 * area / mass)
+    message = str(caught.value)
+    assert "timestep of 0.02 s is too long for its heave" in message
+    stated = float(message.split("h omega = ")[1].split(",")[0])
+    assert stated == pytest.approx(h_omega, rel=0.01)
+    advised = float(message.split("timestep below ")[1].split(" ")[0])
+    *_, last = simulate(ball(0.5, advised), 20.0)
+    assert last.time == pytest.approx(20.0, abs=advised)
+
+
+def test_a_legacy_inertia_is_recognised():
+    messages = {}
+    for kind in ("exact", "legacy"):
+        body = '<body><freejoint/><geom name="b" type="mesh" mesh="m" density="500"/></body>'
+        assets = f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}" inertia="{kind}"/>'
+        messages[kind] = broken(Scene.from_model(model(body, ("b",), assets=assets)))
+    assert "legacy one, for 8." in messages["legacy"]
+    assert 'set inertia="exact"' in messages["legacy"]
+    assert "legacy" not in messages["exact"]
+    assert "try a timestep below 0.005" in messages["exact"]
+
+
+def test_a_mass_that_cannot_float_is_named():
+    message = broken(ball(density=2050.0, timestep=0.005))
+    assert "cannot float: it has 8.587 kg and displaces at most 4.294 kg" in message
+
+
+def test_an_overlapping_start_is_named():
+    crate = CUBE.replace('"cube"', '"crate"').replace("0 0 0", "0.7 0 0")
+    message = broken(Scene.from_model(model(CUBE + crate, ("cube", "crate"))))
+    assert "geoms 'cube' and 'crate' overlap by 0.3 m at the start: move them apart" in message
+
+
+NO_DIVERGENCE = {
+    "a light ball released deep down": lambda: ball(10.25, 0.002, z=-20.0),
+    "a stone that sinks": lambda: ball(8000.0, 0.005),
+    "a fall from 200 m": lambda: ball(500.0, 0.002, z=200.0),
+    "waves about to break": lambda: ball(
+        500.0, 0.002, custom='<numeric name="wave_a" data="0.6 4 0 0"/>'
+    ),
+    "a long ocean swell": lambda: ball(
+        500.0, 0.002, custom='<numeric name="wave_a" data="5 400 0 0"/>'
+    ),
+}
+
+
+@pytest.mark.parametrize("case", NO_DIVERGENCE)
+def test_lively_motion_is_no_divergence(case):
+    samples = list(simulate(NO_DIVERGENCE[case](), 8.0))
+    assert samples[-1].time == pytest.approx(8.0, abs=0.01)
+
+
+def test_energy_given_by_the_caller_is_accepted():
+    """Kicks between samples, forces of one's own, actuators: all beyond what waves explain."""
+    scene = Scene.from_model(model(custom=WAVES))
+    for sample in simulate(scene, 2.0, rate=10.0):
+        if sample.step == 100:
+            scene.data.qvel[2] = 500.0
+    assert scene.data.qpos[2] > 300.0
+    pushed = Scene.from_model(model(custom=WAVES))
+    pushed.data.qfrc_applied[0] = 1e6
+    *_, last = simulate(pushed, 2.0)
+    assert last.positions[0, 0] > 1000.0
+
+
+def test_the_energy_watched_is_conserved_in_flat_water():
+    """Of a ball released at 5 m depth: to time integration under water and above it, and within a
+    quarter of the displaced water's weight times the length while it passes the surface."""
+    scene = ball(102.5, 0.0002, z=-5.0)
+    weight = scene.model.body_mass[1] / 0.1 * 9.81
+    energies, heights = [], []
+    for sample in simulate(scene, 2.0, rate=500.0):
+        energies.append(body_energies(scene).sum())
+        heights.append(sample.positions[0, 2])
+    change = (np.array(energies) - energies[0]) / weight
+    clear = np.abs(heights) > 0.101
+    assert change[0] == 0.0
+    assert energies[0] / weight == pytest.approx(5.0 - 0.5)  # up against the water, down the weight
+    assert np.abs(change[clear]).max() < 0.02
+    assert np.abs(change).max() < 0.25 * 0.2

@@ -1,0 +1,385 @@
+"""Drag and added mass against known answers: single elements to bodies in MuJoCo."""
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from scenes import CUBE, WAVES, model
+
+from independent import DENSITY, GRAVITY, ROUND_OFF, load_mesh, random_rotation, three_waves
+from sim import Buoyancy, Drag, DragCoefficients, Hull, Scene, Sea, Wave, simulate
+from sim.drag import surface_elements
+
+CALM = Sea()
+LEVEL = np.eye(3)
+DEEP = np.array([0.0, 0.0, -50.0])
+
+TIME_INTEGRATION = 0.02
+"""Relative error that first-order integration at the timesteps used here may leave."""
+
+
+def evaluate(drag: Drag, velocity, position=DEEP, rotation=LEVEL, time=0.0):
+    """Drag (6,), damping (6, 6) and the water's motion (6,)."""
+    wrench, damping, motion = np.zeros(6), np.zeros((6, 6)), np.zeros(6)
+    velocity = np.asarray(velocity, dtype=float)
+    drag.add_drag(np.asarray(position), rotation, velocity, time, wrench, damping, motion)
+    return wrench, np.tril(damping) + np.tril(damping, -1).T, motion
+
+
+def cube_hull() -> Hull:
+    return Hull.from_trimesh(trimesh.creation.box(extents=(1.0, 1.0, 1.0)))
+
+
+def ball_hull(radius: float = 0.5) -> Hull:
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=radius)
+    mesh.apply_scale((np.pi / 6.0 * (2.0 * radius) ** 3 / mesh.volume) ** (1.0 / 3.0))
+    return Hull.from_trimesh(mesh)
+
+
+@pytest.mark.parametrize("name", ["cube", "bunny"])
+def test_elements_make_up_the_surface(name):
+    """Their areas add up to the whole surface, and they close as it does."""
+    hull = cube_hull() if name == "cube" else Hull.from_trimesh(load_mesh(name))
+    elements = surface_elements(hull)
+    area = np.linalg.norm(hull.area_vectors, axis=1)
+    assert elements.shape == (8, 128)
+    assert elements[6].sum() == pytest.approx(area.sum(), rel=ROUND_OFF)
+    centroid = hull.vertices[hull.faces].mean(axis=1).T @ area / area.sum()
+    np.testing.assert_allclose(elements[:3] @ elements[6] / area.sum(), centroid, atol=ROUND_OFF)
+    np.testing.assert_allclose(np.linalg.norm(elements[3:6], axis=0), 1.0, atol=ROUND_OFF)
+    bent = np.linalg.norm(elements[3:6] @ elements[6]) / area.sum()
+    assert bent < (ROUND_OFF if name == "cube" else 0.02)
+
+
+CUBE_DRAG = {
+    "linear": (DragCoefficients(linear=0.3), 2.0 * 0.3 * np.sqrt(GRAVITY) * 1.5),
+    "form": (DragCoefficients(form=1.05), 0.5 * 1.05 * 1.5**2),
+    "friction": (DragCoefficients(friction=0.01), 0.5 * 0.01 * 4.0 * 1.5**2),
+}
+
+
+@pytest.mark.parametrize("term", CUBE_DRAG)
+def test_drag_of_a_cube_is_the_textbooks(term):
+    """Two faces across the motion, four along it; the form coefficient is the cube's own C_D."""
+    coefficients, expected = CUBE_DRAG[term]
+    wrench, damping, _ = evaluate(Drag(cube_hull(), CALM, coefficients), [1.5, 0, 0, 0, 0, 0])
+    scale = DENSITY * expected
+    np.testing.assert_allclose(wrench / scale, [-1, 0, 0, 0, 0, 0], atol=ROUND_OFF)
+    order = 1.0 if term == "linear" else 2.0
+    assert damping[0, 0] == pytest.approx(order * scale / 1.5, rel=ROUND_OFF)
+
+
+def test_form_drag_of_a_ball_is_half_the_coefficient():
+    drag = Drag(ball_hull(), CALM, DragCoefficients(form=0.94))
+    wrench, _, _ = evaluate(drag, [0, 2.0, 0, 0, 0, 0])
+    expected = 0.5 * DENSITY * 0.47 * np.pi * 0.25 * 4.0
+    elements_are_flat = 0.02
+    assert -wrench[1] == pytest.approx(expected, rel=elements_are_flat)
+
+
+def random_states(count: int):
+    rng = np.random.default_rng(5)
+    for _ in range(count):
+        position = rng.normal(0.0, 0.3, 3)
+        yield position, random_rotation(rng), rng.normal(0.0, 1.5, 6), rng.uniform(0.0, 60.0)
+
+
+ALL_TERMS = DragCoefficients(linear=0.2, form=1.0, friction=0.05)
+
+
+def test_damping_is_minus_the_derivative_of_drag():
+    drag = Drag(Hull.from_trimesh(load_mesh("bunny")), three_waves(), ALL_TERMS)
+    for position, rotation, velocity, time in random_states(5):
+        _, damping, _ = evaluate(drag, velocity, position, rotation, time)
+        step = 1e-5
+        for j, change in enumerate(step * np.eye(6)):
+            after, _, _ = evaluate(drag, velocity + change, position, rotation, time)
+            before, _, _ = evaluate(drag, velocity - change, position, rotation, time)
+            slope = (after - before) / (2.0 * step)
+            np.testing.assert_allclose(-damping[:, j], slope, atol=1e-6 * np.abs(damping).max())
+        assert np.linalg.eigvalsh(damping)[0] > 0.0
+
+
+def test_drag_never_does_work_relative_to_the_water():
+    """In calm water: force . velocity + torque . angular velocity, whatever the motion."""
+    for mesh in (cube_hull(), Hull.from_trimesh(load_mesh("bunny"))):
+        drag = Drag(mesh, CALM, ALL_TERMS)
+        for position, rotation, velocity, _ in random_states(50):
+            wrench, _, _ = evaluate(drag, velocity, position, rotation)
+            assert wrench @ velocity <= 0.0
+
+
+def test_a_body_that_moves_as_the_water_feels_no_drag():
+    """A small ball at the surface and below it, carried by a single wave."""
+    sea = Sea([Wave(0.3, 8.0, heading=0.4)])
+    drag = Drag(ball_hull(0.01), sea, DragCoefficients(linear=0.2, form=1.0))
+    still, _, _ = evaluate(drag, np.zeros(6), [1.0, 2.0, -0.5], time=1.3)
+    _, _, motion = evaluate(drag, np.zeros(6), [1.0, 2.0, -0.5], time=1.3)
+    carried, _, _ = evaluate(drag, [*motion[:3], 0, 0, 0], [1.0, 2.0, -0.5], time=1.3)
+    water_varies_over_the_ball = 0.03
+    assert np.linalg.norm(carried) < water_varies_over_the_ball * np.linalg.norm(still)
+
+
+def exact_motion(wave: Wave, label: float, rest_depth: float, time: float) -> np.ndarray:
+    """Position, velocity and acceleration (9,) of a particle of Gerstner's wave at any depth,
+    heading +x."""
+    k, omega = wave.wavenumber, np.sqrt(GRAVITY * wave.wavenumber)
+    theta = k * label - omega * time
+    a = wave.amplitude * np.exp(-k * rest_depth)
+    s, c = np.sin(theta), np.cos(theta)
+    place = [label + a * c, 0.0, a * s - rest_depth]
+    return np.array(place + [a * omega * s, 0, -a * omega * c]
+                    + [-a * omega**2 * c, 0, -a * omega**2 * s])  # fmt: skip
+
+
+@pytest.mark.parametrize(("rest_depth", "error"), [(0.0, 2e-4), (0.5, 0.1), (3.0, 0.1)])
+def test_water_moves_as_in_gerstners_wave(rest_depth, error):
+    """Exact at the surface but for the label's tolerance; below it within the stated k a of the
+    surface's motion."""
+    wave = Wave(0.2, 5.0)
+    steepness = wave.steepness  # 0.25
+    drag = Drag(ball_hull(0.01), Sea([wave]), ALL_TERMS)
+    omega = np.sqrt(GRAVITY * wave.wavenumber)
+    for label in np.linspace(0.0, 5.0, 11):
+        motion = exact_motion(wave, label, rest_depth, 0.7)
+        _, _, found = evaluate(drag, np.zeros(6), motion[:3], time=0.7)
+        decay = np.exp(-wave.wavenumber * rest_depth)
+        allowed = error if rest_depth == 0.0 else 2.0 * steepness * decay
+        for expected, value, unit in (
+            (motion[3:6], found[:3], omega * wave.amplitude),
+            (motion[6:9], found[3:], omega**2 * wave.amplitude),
+        ):
+            assert np.linalg.norm(value - expected) < allowed * unit
+
+
+def test_forces_do_not_jump_as_elements_get_wet():
+    drag = Drag(cube_hull(), CALM, ALL_TERMS)
+    heights = np.linspace(-0.7, 0.7, 2001)
+    lifts = np.array([evaluate(drag, [0.3, 0.1, -1.0, 0, 0, 0], [0, 0, z])[0] for z in heights])
+    assert np.abs(np.diff(lifts, axis=0)).max() < 0.02 * np.abs(lifts).max()
+    assert not lifts[-1].any()
+
+
+def ball(relative_density: float, custom: str, timestep=0.002, integrator="implicitfast", z=-2.0):
+    body = (
+        f'<body name="ball" pos="0 0 {z}"><freejoint/><geom name="ball" type="sphere" size="0.1" '
+        f'density="{relative_density * DENSITY}"/></body>'
+    )
+    option = f'<option timestep="{timestep}" integrator="{integrator}"/>'
+    return Scene.from_model(model(body, ("ball",), custom=custom, option=option))
+
+
+BALL_ADDED_MASS = '<numeric name="added_mass" data="0.5 0.5 0.5 0 0 0"/>'
+
+
+@pytest.mark.parametrize("relative_density", [0.01, 0.5, 1.0, 3.0])
+def test_a_submerged_ball_starts_at_its_known_acceleration(relative_density):
+    """g (1 - s) / (s + 1/2) with the added mass of half the displaced water."""
+    scene = ball(relative_density, BALL_ADDED_MASS)
+    with scene.buoyancy.installed():
+        mujoco.mj_forward(scene.model, scene.data)
+    expected = GRAVITY * (1.0 - relative_density) / (relative_density + 0.5)
+    assert scene.data.qacc[2] == pytest.approx(expected, abs=1e-9)
+    assert np.abs(np.delete(scene.data.qacc, 2)).max() < 1e-9
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+@pytest.mark.parametrize("timestep", [0.0005, 0.005, 0.02])
+def test_a_light_ball_pops_out_and_settles_at_any_timestep(integrator, timestep):
+    custom = BALL_ADDED_MASS + '<numeric name="drag" data="0.2 0.94 0.005"/>'
+    scene = ball(0.01, custom, timestep, integrator)
+    heights = np.array([s.positions[0, 2] for s in simulate(scene, 6.0, rate=100.0)])
+    assert heights.max() < 0.3  # m above the water it came out of
+    assert np.ptp(heights[-100:]) < 1e-3
+    draft = 0.1 - heights[-1]
+    displaced = np.pi * draft**2 * (0.3 - draft) / 3.0
+    facets_of_the_ball = 0.05
+    assert displaced == pytest.approx(0.01 * 4e-3 * np.pi / 3.0, rel=facets_of_the_ball)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+@pytest.mark.parametrize("timestep", [0.002, 0.02])
+@pytest.mark.parametrize("data", ["200 0 0", "0 1000 0", "0 0 5", "200 1000 5"])
+def test_drag_a_thousand_times_too_strong_only_decays(data, timestep, integrator):
+    scene = ball(1.0, f'<numeric name="drag" data="{data}"/>', timestep, integrator, z=-5.0)
+    scene.data.qvel[:] = [3.0, -1.0, 2.0, 1.0, 2.0, -1.0]
+    mass, inertia = scene.model.body_mass[1], scene.model.body_inertia[1, 0]
+    energies = [
+        0.5 * scene.data.qvel**2 @ [mass, mass, mass, inertia, inertia, inertia]
+        for _ in simulate(scene, 1.0, 1.0 / timestep)
+    ]
+    assert (np.diff(energies) <= ROUND_OFF * energies[0]).all()
+    assert energies[-1] < 0.1 * energies[0]
+
+
+def test_terminal_velocity():
+    """A ball of twice the water's density sinks so fast that form drag carries its weight."""
+    scene = ball(2.0, '<numeric name="drag" data="0 0.94 0"/>', z=-5.0)
+    *_, last = simulate(scene, 5.0)
+    drag = scene.buoyancy.drag_wrenches(scene.data)[0]
+    in_water = scene.model.body_mass[1] * GRAVITY / 2.0
+    assert drag[2] == pytest.approx(in_water, rel=1e-3)  # the ball still turns a little
+    expected = np.sqrt(2.0 * in_water / (DENSITY * 0.47 * np.pi * 0.01))
+    elements_are_flat = 0.02
+    assert -scene.data.qvel[2] == pytest.approx(expected, rel=elements_are_flat)
+    np.testing.assert_array_equal(last.drag_wrenches[0], drag)
+
+
+def test_angular_damping_is_a_uniform_rate():
+    """Rotation alone decays, by (1 + h c) a step, whatever the inertia."""
+    scene = ball(1.0, '<numeric name="drag_angular" data="3"/>', timestep=0.01, z=-5.0)
+    scene.data.qvel[:] = [1.0, 0, 0, 2.0, -1.0, 0.5]
+    *_, _ = simulate(scene, 1.0)
+    np.testing.assert_allclose(scene.data.qvel[0], 1.0, rtol=ROUND_OFF)
+    expected = np.array([2.0, -1.0, 0.5]) * 1.03**-100
+    np.testing.assert_allclose(scene.data.qvel[3:], expected, rtol=1e-9)
+
+
+ELLIPSOID = """
+    <body name="e" pos="0 0 -50"><freejoint/>
+      <geom name="e" type="ellipsoid" size="0.5 0.3 0.2" density="1025"/></body>"""
+
+
+def test_a_neutral_body_keeps_its_energy_and_momentum_with_added_mass():
+    """Kirchhoff 1869: in ideal water at rest a body and the water around it keep their energy and
+    the impulse they got, however it tumbles. Errors fall with the timestep (first order)."""
+    errors = []
+    for timestep in (0.002, 0.001):
+        custom = '<numeric name="added_mass" data="0.2 0.6 1.1 0.1 0.4 0.2"/>'
+        option = f'<option timestep="{timestep}" integrator="RK4"/>'
+        scene = Scene.from_model(model(ELLIPSOID, ("e",), custom=custom, option=option))
+        scene.data.qvel[:] = [0.6, 0.3, -0.5, 0.8, -1.0, 0.5]
+        drag = scene.buoyancy.floats[0].drag
+        compiled = scene.model
+        inertia = np.diag([compiled.body_mass[1]] * 3 + list(compiled.body_inertia[1]))
+        energies, impulses = [], []
+        for sample in simulate(scene, 3.0, rate=50.0):
+            rotation = scene.data.ximat[1].reshape(3, 3)
+            turn = rotation.T @ scene.data.xmat[1].reshape(3, 3)
+            nu = np.concatenate([rotation.T @ scene.data.qvel[:3], turn @ scene.data.qvel[3:]])
+            momentum = (inertia + drag.added_mass) @ nu
+            energies.append(0.5 * nu @ momentum)
+            impulses.append(rotation @ momentum[:3])
+            assert sample.submerged_fractions[0] == pytest.approx(1.0)
+        energy = np.abs(np.array(energies) / energies[0] - 1.0).max()
+        impulse = np.linalg.norm(np.array(impulses) - impulses[0], axis=1).max()
+        errors.append((energy, impulse / np.linalg.norm(impulses[0])))
+    assert max(errors[0]) < 1e-6  # without drag RK4 keeps its own order
+
+
+def test_added_mass_lengthens_the_heave_period():
+    """A half-submerged cube carries A f = 0.68 / 2 of the displaced water's mass with it."""
+    custom = '<numeric name="added_mass" data="0.68 0.68 0.68 0 0 0"/>'
+    option = '<option timestep="0.005"/>'
+    scene = Scene.from_model(model(CUBE, ("cube",), custom=custom, option=option))
+    scene.data.qpos[2] = 0.01
+    heights = np.array([s.positions[0, 2] for s in simulate(scene, 12.0, rate=200.0)])
+    before = np.flatnonzero((heights[:-1] < 0.0) & (heights[1:] >= 0.0))
+    crossings = before + heights[before] / (heights[before] - heights[before + 1])
+    expected = 2.0 * np.pi * np.sqrt((0.5 + 0.34) / GRAVITY)
+    assert np.diff(crossings).mean() * 0.005 == pytest.approx(expected, rel=TIME_INTEGRATION)
+
+
+def test_off_centre_coefficients_are_a_moved_mass():
+    """An added mass equal along all axes is that of a particle at the hull's centroid."""
+    hull = Hull(cube_hull().vertices + [0.3, -0.2, 0.5], cube_hull().faces)
+    matrix = Drag(hull, CALM, added_mass=[0.5, 0.5, 0.5, 0, 0, 0]).added_mass
+    rng = np.random.default_rng(2)
+    for velocity in rng.normal(size=(5, 6)):
+        at_centroid = velocity[:3] + np.cross(velocity[3:], [0.3, -0.2, 0.5])
+        energy = 0.5 * 0.5 * DENSITY * at_centroid @ at_centroid
+        assert 0.5 * velocity @ matrix @ velocity == pytest.approx(energy, rel=ROUND_OFF)
+    turning = Drag(cube_hull(), CALM, added_mass=[0, 0, 0, 1, 2, 3]).added_mass
+    np.testing.assert_allclose(
+        turning, np.diag([0, 0, 0, 1, 2, 3]) * DENSITY / 6.0, atol=ROUND_OFF * DENSITY
+    )
+
+
+def test_a_matrix_is_taken_as_it_is():
+    half = np.random.default_rng(3).normal(size=(6, 6))
+    matrix = half @ half.T
+    found = Drag(cube_hull(), CALM, added_mass=matrix.ravel()).added_mass
+    np.testing.assert_allclose(found, matrix, rtol=ROUND_OFF)
+
+
+def test_a_force_of_ones_own_moves_the_added_mass_too():
+    scene = ball(1.0, BALL_ADDED_MASS)
+    scene.data.qfrc_applied[0] = 10.0
+    with scene.buoyancy.installed():
+        mujoco.mj_forward(scene.model, scene.data)
+    mass = scene.model.body_mass[1]
+    assert scene.data.qacc[0] == pytest.approx(10.0 / (1.5 * mass), rel=1e-9)
+
+
+def test_a_body_left_alone_comes_to_rest_in_flat_water():
+    custom = '<numeric name="drag" data="0.2 1.05 0.0047"/>' + BALL_ADDED_MASS
+    scene = Scene.from_model(model(CUBE, ("cube",), custom=custom))
+    scene.data.qpos[2:7] = [0.4, 0.9, 0.3, 0.2, 0.1]
+    scene.data.qvel[:] = [0.5, -0.3, 0.0, 0.4, 0.0, 0.6]
+    *_, last = simulate(scene, 60.0, rate=1.0)
+    assert np.abs(scene.data.qvel).max() < 0.02
+    assert last.submerged_fractions[0] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_body_left_alone_in_waves_drifts_with_them():
+    """Small in a long wave, a float goes with the surface particles, whose mean velocity is zero
+    under Gerstner's wave: it moves on their circle and stays."""
+    custom = '<numeric name="wave_a" data="0.3 12 0 0"/><numeric name="drag" data="1 2 0.01"/>'
+    scene = ball(0.5, custom, z=0.0)
+    samples = list(simulate(scene, 40.0, rate=50.0))
+    track = np.array([s.centres[0] for s in samples])
+    times = np.array([s.time for s in samples])
+    settled = times > 10.0
+    velocity = np.gradient(track, times, axis=0)[settled]
+    water = scene.buoyancy.sea.velocity(*track[settled].T[:2], times[settled])
+    orbital = np.sqrt(np.mean(water**2))
+    assert np.sqrt(np.mean((velocity - water)[:, 0] ** 2)) < 0.1 * orbital
+    assert abs((velocity - water).mean(axis=0)[0]) < 0.02 * orbital
+
+
+def test_without_drag_everything_stays_to_the_bit():
+    """Zero coefficients are none: the same bits as a model that does not speak of drag."""
+    ends = []
+    zeros = '<numeric name="drag" data="0 0 0"/><numeric name="added_mass" data="0 0 0 0 0 0"/>'
+    for custom in (WAVES, WAVES + zeros):
+        scene = Scene.from_model(model(custom=custom))
+        *_, last = simulate(scene, 1.0)
+        assert not last.drag_wrenches.any()
+        assert scene.buoyancy.floats[0].drag is None
+        ends.append(np.concatenate([scene.data.qpos, scene.data.qvel]))
+    np.testing.assert_array_equal(*ends)
+
+
+def test_apply_before_each_step_is_the_callback_to_the_bit_with_drag():
+    custom = WAVES + '<numeric name="drag" data="0.2 1 0.005"/>' + BALL_ADDED_MASS
+    body = CUBE.replace("<freejoint/>", '<joint type="free" damping="5"/>')
+    ends = []
+    for installed in (True, False):
+        scene = Scene.from_model(model(body, custom=custom))
+        compiled, data, buoyancy = scene.model, scene.data, scene.buoyancy
+        if installed:
+            with buoyancy.installed():
+                mujoco.mj_step(compiled, data, 100)
+        else:
+            for _ in range(100):
+                buoyancy.apply(compiled, data)
+                mujoco.mj_step(compiled, data)
+        ends.append(np.concatenate([data.qpos, data.qvel]))
+    np.testing.assert_array_equal(*ends)
+
+
+def test_a_link_of_a_tree_rests_where_it_did_and_its_drag_is_bounded():
+    """Drag on links neither moves an equilibrium nor blows up, a thousand times too strong."""
+    box = '<geom name="{}" type="box" size="0.5 0.5 0.1" density="512.5"/>'
+    tree = f"""
+    <body name="front"><freejoint/>{box.format("front")}
+      <body name="rear" pos="1.2 0 0"><joint type="hinge" axis="0 1 0" pos="-0.6 0 0"/>
+        {box.format("rear")}</body></body>"""
+    custom = '<numeric name="drag" data="0.2 1 0.005"/><numeric name="drag_rear" data="200 900 5"/>'
+    scene = Scene.from_model(model(tree, ("front", "rear"), custom=custom))
+    scene.data.qpos[2], scene.data.qpos[7] = 0.2, 0.5
+    *_, last = simulate(scene, 60.0, rate=1.0)
+    assert np.abs(scene.data.qvel).max() < 1e-2
+    np.testing.assert_allclose(scene.data.qpos[[2, 7]], 0.0, atol=0.01)
+    assert Buoyancy.from_model(scene.model).floats[0].drag.added_mass is None
+    np.testing.assert_allclose(last.submerged_fractions, 0.5, atol=0.05)
