@@ -1,7 +1,7 @@
 """Make what is generated in models/: the Wigley hull's mesh and the scene of a hundred spheres.
 
     python scripts/make_scenes.py                      # the files as they are in models/
-    python scripts/make_scenes.py --stations 80 --output /tmp/finer
+    python scripts/make_scenes.py --stations 80 --output finer
 
 The Wigley hull (Wigley 1934) is the ship whose hydrostatics are known in closed form: parabolas
 along and down,

@@ -15,19 +15,18 @@ summed over the two fan triangles that meet at c.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from sim.gerstner import kernel, solve_heights
 from sim.hull import Hull
 from sim.methods.linear import (
+    Linear,
     heads_at_vertices,
-    longest_edge,
     lowest_height,
     odd_corner_first,
     placed,
     sum_wet_body_frame,
     turned_into_world,
-    vertex_weights,
 )
 from sim.sea import Sea
 from sim.triangle import cross
@@ -35,50 +34,23 @@ from sim.triangle import cross
 Array = NDArray[np.float64]
 
 
-class Chord:
+class Chord(Linear):
     """Wrench of a hull in a sea by a clip that bends along each chord.
 
     samples: interior points of a chord, 0 being the straight clip; crests_only: forget the
-    troughs, which biases the force upwards (for the experiment). Stateless.
+    troughs, which biases the force upwards (for the experiment). Stateless. Raises ValueError.
     """
 
     def __init__(self, hull: Hull, sea: Sea, samples: int = 4, crests_only: bool = False) -> None:
         if samples != int(samples) or samples < 0:
             raise ValueError(f"samples is {samples}; a chord has 0 or more whole samples")
-        self.hull = hull
-        self.sea = sea
+        super().__init__(hull, sea)
         self.samples = int(samples)
         self.crests_only = bool(crests_only)
-        self._weights = vertex_weights(hull)
-        self._longest_edge = longest_edge(hull)
 
-    def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
-        """Force [N] and torque [N m] about the position, world axes: (6,).
-
-        position: (3,) [m], the hull frame's origin in the world; rotation: (3, 3) or (9,),
-        hull -> world; time [s].
-        """
-        out = np.empty(6)
-        chord_wrench(
-            self.hull.vertices,
-            self.hull.faces,
-            self.hull.area_vectors,
-            self.hull.bounds,
-            self._weights,
-            self._longest_edge,
-            self.samples,
-            self.crests_only,
-            self.sea.components,
-            self.sea.residual_tolerance,
-            self.sea.level,
-            self.sea.amplitude,
-            np.asarray(position, dtype=float),
-            np.asarray(rotation, dtype=float).reshape(3, 3),
-            time,
-            out,
-        )
-        out *= -self.sea.density * self.sea.gravity
-        return out
+    def _sum(self, position: Array, rotation: Array, time: float, out: Array) -> None:
+        settings = (self.samples, self.crests_only)
+        chord_wrench(*self._surface, *settings, *self._water, position, rotation, time, out)
 
 
 @kernel

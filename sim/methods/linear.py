@@ -34,8 +34,15 @@ class Linear:
     def __init__(self, hull: Hull, sea: Sea) -> None:
         self.hull = hull
         self.sea = sea
-        self._weights = vertex_weights(hull)
-        self._longest_edge = longest_edge(hull)
+        self._surface = (
+            hull.vertices,
+            hull.faces,
+            hull.area_vectors,
+            hull.bounds,
+            vertex_weights(hull),
+            longest_edge(hull),
+        )
+        self._water = (sea.components, sea.residual_tolerance, sea.level, sea.amplitude)
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
         """Force [N] and torque [N m] about the position, world axes: (6,).
@@ -44,24 +51,14 @@ class Linear:
         hull -> world; time [s].
         """
         out = np.empty(6)
-        linear_wrench(
-            self.hull.vertices,
-            self.hull.faces,
-            self.hull.area_vectors,
-            self.hull.bounds,
-            self._weights,
-            self._longest_edge,
-            self.sea.components,
-            self.sea.residual_tolerance,
-            self.sea.level,
-            self.sea.amplitude,
-            np.asarray(position, dtype=float),
-            np.asarray(rotation, dtype=float).reshape(3, 3),
-            time,
-            out,
-        )
+        rotation = np.asarray(rotation, dtype=float).reshape(3, 3)
+        self._sum(np.asarray(position, dtype=float), rotation, time, out)
         out *= -self.sea.density * self.sea.gravity
         return out
+
+    def _sum(self, position: Array, rotation: Array, time: float, out: Array) -> None:
+        """The wrench over - density gravity into out."""
+        linear_wrench(*self._surface, *self._water, position, rotation, time, out)
 
 
 def corner_shares(corners: Array, area_vectors: Array) -> Array:
