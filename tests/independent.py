@@ -1,5 +1,6 @@
 """Computations that share no code with the package, to hold it against; seeded poses and seas."""
 
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +117,9 @@ def mean_error(wrenches: list[np.ndarray], truths: list[np.ndarray], hull: Hull)
     """Mean of `relative_error` over several poses."""
     pairs = zip(wrenches, truths, strict=True)
     return float(np.mean([relative_error(wrench, truth, hull) for wrench, truth in pairs]))
+
+
+def hear_ctrl_c() -> None:
+    """For a child before it starts: where the tests run in the background SIGINT is ignored, and
+    children would inherit that."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

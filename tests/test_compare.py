@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from independent import MODELS, REPOSITORY
+from independent import MODELS, REPOSITORY, hear_ctrl_c
 from sim import Scene, SideBySideRecorder, simulate
 
 COMPARE = [sys.executable, str(REPOSITORY / "scripts" / "compare.py")]
@@ -154,6 +154,7 @@ def test_ctrl_c_gives_status_130_and_a_readable_recording(tmp_path):
         [*COMPARE, str(MODELS / "cube.xml"), "--methods", "linear", "chord:4",
          "--duration", "1000", "--record", "cut.rrd"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=hear_ctrl_c,
     )  # fmt: skip
     deadline, recording = time.monotonic() + 60.0, tmp_path / "cut.rrd"
     while not (recording.exists() and recording.stat().st_size > 300_000):

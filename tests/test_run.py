@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from independent import MODELS, REPOSITORY
+from independent import MODELS, REPOSITORY, hear_ctrl_c
 from sim import Scene, Tally, simulate
 
 RUN = [sys.executable, str(REPOSITORY / "scripts" / "run.py")]
@@ -179,6 +179,7 @@ def test_a_stopped_run_leaves_a_readable_recording(tmp_path, number, status):
     process = subprocess.Popen(
         [*RUN, str(MODELS / "cube.xml"), "--duration", "1000", "--record", "cut.rrd"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=hear_ctrl_c,
     )  # fmt: skip
     deadline = time.monotonic() + 60.0
     recording = tmp_path / "cut.rrd"
