@@ -36,7 +36,6 @@ from command_line import (
 )
 from sim import DivergenceError, Sample, Scene, SideBySideRecorder, simulate
 from sim.accuracy import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
-from sim.simulation import observe
 
 QUANTITIES = {"height_m": 1e3, "tilt_deg": 1.0}
 """What is averaged, and what turns its differences into the mm and degrees that are printed."""
@@ -85,7 +84,7 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
     with compiling_notice(quiet=again):
         for text in options.methods:
             scene = Scene.load(options.scene, text, timestep=options.timestep)
-            observe(scene)
+            scene.compile_kernels()
             same = sum(label.split(" ")[0] == text for label in twins)
             twins[f"{text} ({same + 1})" if same else text] = scene
     return twins

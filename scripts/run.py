@@ -77,9 +77,10 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def load(options: argparse.Namespace) -> Scene:
-    """Load the scene and compute its wrenches once, which compiles the kernels."""
+    """Load the scene and compute everything once, which compiles the kernels."""
     with compiling_notice(options.quiet):
         scene = Scene.load(options.scene, options.method, options.tolerance, options.timestep)
+        scene.compile_kernels()
         observe(scene)
     return scene
 

@@ -180,6 +180,15 @@ def test_load_starts_at_the_first_keyframe():
     assert scene.name == "trio"
 
 
+def test_compiling_kernels_leaves_the_scene_as_it_was():
+    scene, untouched = Scene.load(MODELS / "cube.xml"), Scene.load(MODELS / "cube.xml")
+    scene.compile_kernels()
+    assert (scene.buoyancy.calls, scene.buoyancy.seconds) == (0, 0.0)
+    *_, warm = simulate(scene, 0.5)
+    *_, cold = simulate(untouched, 0.5)
+    np.testing.assert_array_equal(warm.centres, cold.centres)
+
+
 def test_timestep_overrules_the_models():
     assert Scene.load(MODELS / "cube.xml", timestep=0.001).model.opt.timestep == 0.001
     with pytest.raises(ValueError, match=r"timestep is 0.0 s.*above 0"):
