@@ -52,7 +52,7 @@ class Linear:
         """
         out = np.empty(6)
         rotation = np.asarray(rotation, dtype=float).reshape(3, 3)
-        self._sum(np.asarray(position, dtype=float), rotation, time, out)
+        self._sum(np.asarray(position, dtype=float), rotation, float(time), out)
         out *= -self.sea.density * self.sea.gravity
         return out
 

@@ -122,7 +122,7 @@ class Patches:
         position = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
         rotation = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
         out = np.zeros((1, 6))
-        self._fleet.add_wrenches(position, rotation, time, out)
+        self._fleet.add_wrenches(position, rotation, float(time), out)
         return out[0]
 
 
