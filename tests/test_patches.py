@@ -237,10 +237,7 @@ def awkward(kind: str) -> trimesh.Trimesh:
             np.abs(mesh.vertices[:, 0]) < 0.25, 0.5 - 1e-6, mesh.vertices[:, 0]
         )
     if kind == "tiny":
-        mesh = mesh.subdivide_to_size(0.7)
-        mesh = (
-            mesh.subdivide(face_index=[0]).subdivide(face_index=[0]) if False else mesh.subdivide()
-        )
+        mesh = mesh.subdivide().subdivide()
         mesh.vertices *= 1e-3
     return mesh
 
