@@ -42,17 +42,24 @@ CHUNK = 256
 # Columns of the components of a sea, one row a wave (see Sea.components).
 TURNS_X, TURNS_Y, TURNS, FREQUENCY, AMPLITUDE, WAVENUMBER, DIRECTION_X, DIRECTION_Y = range(8)
 
-# Rows of the scratch of one chunk: the wave sums at the labels, the labels, the residual squared,
-# and the sums that only curvature needs.
-OFFSET_X, OFFSET_Y, HEIGHT, SLOPE_X, SLOPE_Y, STRAIN_XX, STRAIN_XY, STRAIN_YY = range(8)
-LABEL_X, LABEL_Y, RESIDUAL = range(8, 11)
-BEND_XX, BEND_XY, BEND_YY, TWIST_XXX, TWIST_XXY, TWIST_XYY, TWIST_YYY = range(11, 18)
-SCRATCH_ROWS = 18
+LANES = 8
+"""Chunks are filled up to a multiple of this: what is left of a loop after its vectors would be
+done point by point, at eight times the cost."""
 
-# Rows of a jet: the surface's height above the level, its first and second derivatives at a point,
-# and the label of the particle there.
-JET_HEIGHT, JET_X, JET_Y, JET_XX, JET_XY, JET_YY, JET_LABEL_X, JET_LABEL_Y = range(8)
-JET_ROWS = 8
+# Rows of the scratch of one chunk: the wave sums at the labels, the labels, the residual squared,
+# the sine and cosine of one wave, and the sums that only curvature and its gradient need.
+OFFSET_X, OFFSET_Y, HEIGHT, SLOPE_X, SLOPE_Y, STRAIN_XX, STRAIN_XY, STRAIN_YY = range(8)
+LABEL_X, LABEL_Y, RESIDUAL, SINES, COSINES = range(8, 13)
+BEND_XX, BEND_XY, BEND_YY, TWIST_XXX, TWIST_XXY, TWIST_XYY, TWIST_YYY = range(13, 20)
+KINK_XXX, KINK_XXY, KINK_XYY, KINK_YYY = range(20, 24)
+SWIRL_XXXX, SWIRL_XXXY, SWIRL_XXYY, SWIRL_XYYY, SWIRL_YYYY = range(24, 29)
+SCRATCH_ROWS = 29
+
+# Rows of a jet: the surface's height above the level, its first, second and third derivatives at a
+# point, and the label of the particle there.
+JET_HEIGHT, JET_X, JET_Y, JET_XX, JET_XY, JET_YY, JET_XXX, JET_XXY, JET_XYY, JET_YYY = range(10)
+JET_LABEL_X, JET_LABEL_Y = range(10, 12)
+JET_ROWS = 12
 
 # sin(2 pi u) = u * sum SINE[i] u^2i and cos(2 pi u) = sum COSINE[i] u^2i on |u| <= 1/4, fitted
 # in Chebyshev nodes with 60 digits; the fit's own error is below 4e-18.
@@ -108,11 +115,24 @@ def sine_cosine(turns):
     return sign * s * u, sign * c
 
 
+@njit(inline="always")
+def add_wave(i, s, c, a, ka, dx, dy, scratch):
+    """Add one wave to the sums at point i: the particle's offset, its height, the slopes
+    dz/dalpha and the strains I - J."""
+    scratch[OFFSET_X, i] += dx * a * c
+    scratch[OFFSET_Y, i] += dy * a * c
+    scratch[HEIGHT, i] += a * s
+    scratch[SLOPE_X, i] += dx * ka * c
+    scratch[SLOPE_Y, i] += dy * ka * c
+    scratch[STRAIN_XX, i] += dx * dx * ka * s
+    scratch[STRAIN_XY, i] += dx * dy * ka * s
+    scratch[STRAIN_YY, i] += dy * dy * ka * s
+
+
 @kernel
 def wave_sums(count, components, time, scratch):
-    """Sum over the waves at the first `count` labels: the particle's offset, its height, the
-    slopes dz/dalpha and the strains I - J. The wave loop is outermost so that the loop over
-    points vectorises."""
+    """Sum over the waves at the first `count` labels, as of `add_wave`. The wave loop is outermost
+    so that the loop over points vectorises."""
     scratch[OFFSET_X : STRAIN_YY + 1, :count] = 0.0
     for w in range(components.shape[0]):
         wave = components[w]
@@ -123,14 +143,48 @@ def wave_sums(count, components, time, scratch):
             s, c = sine_cosine(
                 wave[TURNS_X] * scratch[LABEL_X, i] + wave[TURNS_Y] * scratch[LABEL_Y, i] + turns
             )
-            scratch[OFFSET_X, i] += dx * a * c
-            scratch[OFFSET_Y, i] += dy * a * c
-            scratch[HEIGHT, i] += a * s
-            scratch[SLOPE_X, i] += dx * ka * c
-            scratch[SLOPE_Y, i] += dy * ka * c
-            scratch[STRAIN_XX, i] += dx * dx * ka * s
-            scratch[STRAIN_XY, i] += dx * dy * ka * s
-            scratch[STRAIN_YY, i] += dy * dy * ka * s
+            add_wave(i, s, c, a, ka, dx, dy, scratch)
+
+
+@kernel
+def jet_sums(count, components, time, scratch):
+    """All sums over the waves at the first `count` labels: those of `wave_sums` and BEND,
+    d d^T k^2 a sin(theta), TWIST, d d d k^2 a cos(theta), KINK, d d d k^3 a cos(theta), and SWIRL,
+    d d d d k^3 a sin(theta). Loops with few rows each, which the compiler vectorises."""
+    scratch[OFFSET_X : STRAIN_YY + 1, :count] = 0.0
+    scratch[BEND_XX : SWIRL_YYYY + 1, :count] = 0.0
+    for w in range(components.shape[0]):
+        wave = components[w]
+        turns = wave[TURNS] - wave[FREQUENCY] * time
+        a, k, dx, dy = wave[AMPLITUDE], wave[WAVENUMBER], wave[DIRECTION_X], wave[DIRECTION_Y]
+        for i in range(count):
+            s, c = sine_cosine(
+                wave[TURNS_X] * scratch[LABEL_X, i] + wave[TURNS_Y] * scratch[LABEL_Y, i] + turns
+            )
+            scratch[SINES, i], scratch[COSINES, i] = s, c
+        for i in range(count):
+            add_wave(i, scratch[SINES, i], scratch[COSINES, i], a, k * a, dx, dy, scratch)
+        xx, xy, yy, kka = dx * dx, dx * dy, dy * dy, k * k * a
+        for i in range(count):
+            s, c = kka * scratch[SINES, i], kka * scratch[COSINES, i]
+            scratch[BEND_XX, i] += xx * s
+            scratch[BEND_XY, i] += xy * s
+            scratch[BEND_YY, i] += yy * s
+            scratch[TWIST_XXX, i] += dx * xx * c
+            scratch[TWIST_XXY, i] += dy * xx * c
+            scratch[TWIST_XYY, i] += dx * yy * c
+            scratch[TWIST_YYY, i] += dy * yy * c
+        for i in range(count):
+            s, c = k * kka * scratch[SINES, i], k * kka * scratch[COSINES, i]
+            scratch[KINK_XXX, i] += dx * xx * c
+            scratch[KINK_XXY, i] += dy * xx * c
+            scratch[KINK_XYY, i] += dx * yy * c
+            scratch[KINK_YYY, i] += dy * yy * c
+            scratch[SWIRL_XXXX, i] += xx * xx * s
+            scratch[SWIRL_XXXY, i] += xx * xy * s
+            scratch[SWIRL_XXYY, i] += xx * yy * s
+            scratch[SWIRL_XYYY, i] += xy * yy * s
+            scratch[SWIRL_YYYY, i] += yy * yy * s
 
 
 @njit(inline="always")
@@ -191,17 +245,24 @@ def solve_point(x, y, components, time, tolerance, scratch):
     return np.nan
 
 
+@njit(inline="always")
+def fill_up(count, scratch):
+    """Repeat the first label until a multiple of LANES is reached; returns that."""
+    filled = -(-count // LANES) * LANES
+    scratch[LABEL_X, count:filled] = scratch[LABEL_X, 0]
+    scratch[LABEL_Y, count:filled] = scratch[LABEL_Y, 0]
+    return filled
+
+
 @kernel
-def solve_chunk(x, y, components, time, tolerance, at_least, heights, scratch):
+def solve_chunk(x, y, components, time, tolerance, heights, scratch):
     """Invert the Gerstner map for up to CHUNK points, starting from the labels in the scratch;
-    leaves the labels there and the heights above the level [m] in `heights`. Takes `at_least`
-    so many plain steps, then until the residuals are below the tolerance [m]."""
-    count = x.size
-    for step in range(1, PLAIN_STEPS + 1):
-        wave_sums(count, components, time, scratch)
+    leaves the labels there and the heights above the level [m] in `heights`. Takes plain
+    steps until the residuals are below the tolerance [m]."""
+    count, filled = x.size, fill_up(x.size, scratch)
+    for _ in range(PLAIN_STEPS):
+        wave_sums(filled, components, time, scratch)
         newton_update(x, y, heights, scratch)
-        if step < at_least:
-            continue
         unsolved = 0
         for i in range(count):
             unsolved += not is_solved(x[i], y[i], scratch[RESIDUAL, i], tolerance)
@@ -224,45 +285,16 @@ def solve_heights(x, y, components, time, tolerance, heights):
         scratch[LABEL_X, : end - start] = x[start:end]
         scratch[LABEL_Y, : end - start] = y[start:end]
         chunk = slice(start, end)
-        solve_chunk(x[chunk], y[chunk], components, time, tolerance, 1, heights[chunk], scratch)
+        solve_chunk(x[chunk], y[chunk], components, time, tolerance, heights[chunk], scratch)
 
 
 @kernel
-def curvature_sums(count, components, time, scratch):
-    """Sum over the waves at the first `count` labels: BEND, d d^T k^2 a sin(theta), and TWIST,
-    d d d k^2 a cos(theta)."""
-    scratch[BEND_XX : TWIST_YYY + 1, :count] = 0.0
-    for w in range(components.shape[0]):
-        wave = components[w]
-        turns = wave[TURNS] - wave[FREQUENCY] * time
-        dx, dy = wave[DIRECTION_X], wave[DIRECTION_Y]
-        kka = wave[WAVENUMBER] * wave[WAVENUMBER] * wave[AMPLITUDE]
-        for i in range(count):
-            s, c = sine_cosine(
-                wave[TURNS_X] * scratch[LABEL_X, i] + wave[TURNS_Y] * scratch[LABEL_Y, i] + turns
-            )
-            scratch[BEND_XX, i] += dx * dx * kka * s
-            scratch[BEND_XY, i] += dx * dy * kka * s
-            scratch[BEND_YY, i] += dy * dy * kka * s
-            scratch[TWIST_XXX, i] += dx * dx * dx * kka * c
-            scratch[TWIST_XXY, i] += dx * dx * dy * kka * c
-            scratch[TWIST_XYY, i] += dx * dy * dy * kka * c
-            scratch[TWIST_YYY, i] += dy * dy * dy * kka * c
+def slopes_from_sums(count, scratch):
+    """Gradients G = J^-1 sum d k a cos(theta) into the SLOPE rows, and into the BEND rows
 
-
-@kernel
-def jets_from_sums(x, y, scratch):
-    """Turn both sums at labels close by into the surface's jets at x, y, in place: the height
-    stays in its row, the gradient G takes the SLOPE rows, the Hessian H the BEND rows,
-
-        G = J^-1 sum d k a cos(theta)
-        H = J^-1 [ - sum d d^T k^2 a (sin(theta) - (G . d) cos(theta)) ] J^-1.
-
-    They hold at the particle; from there the jet itself carries on to the point, so that what is
-    left of the residual r enters the height in third order, the gradient in second.
-    (Three loops with few rows each: the compiler vectorises those.)
+        M = - sum d d^T k^2 a (sin(theta) - (G . d) cos(theta)).
     """
-    for i in range(x.size):
+    for i in range(count):
         gx, gy = newton_step(i, scratch[SLOPE_X, i], scratch[SLOPE_Y, i], scratch)
         scratch[BEND_XX, i] = (
             gx * scratch[TWIST_XXX, i] + gy * scratch[TWIST_XXY, i] - scratch[BEND_XX, i]
@@ -274,33 +306,114 @@ def jets_from_sums(x, y, scratch):
             gx * scratch[TWIST_XYY, i] + gy * scratch[TWIST_YYY, i] - scratch[BEND_YY, i]
         )
         scratch[SLOPE_X, i], scratch[SLOPE_Y, i] = gx, gy
-    for i in range(x.size):
+
+
+@kernel
+def third_from_sums(count, scratch):
+    """Third derivatives into the KINK rows: with E = J^-1 M, the TWIST T, KINK K and SWIRL U,
+
+        N_jkm = T_ijk E_im + T_ijm E_ik + T_ikm E_ij - K_jkm - G_i U_ijkm,
+
+    each of whose three indices J^-1 then multiplies. (The third derivative of z(x(alpha)) by the
+    chain rule, solved for that of the surface.)
+    """
+    for i in range(count):
+        gx, gy = scratch[SLOPE_X, i], scratch[SLOPE_Y, i]
+        scratch[KINK_XXX, i] += gx * scratch[SWIRL_XXXX, i] + gy * scratch[SWIRL_XXXY, i]
+        scratch[KINK_XXY, i] += gx * scratch[SWIRL_XXXY, i] + gy * scratch[SWIRL_XXYY, i]
+        scratch[KINK_XYY, i] += gx * scratch[SWIRL_XXYY, i] + gy * scratch[SWIRL_XYYY, i]
+        scratch[KINK_YYY, i] += gx * scratch[SWIRL_XYYY, i] + gy * scratch[SWIRL_YYYY, i]
+    for i in range(count):
+        exx, eyx = newton_step(i, scratch[BEND_XX, i], scratch[BEND_XY, i], scratch)
+        exy, eyy = newton_step(i, scratch[BEND_XY, i], scratch[BEND_YY, i], scratch)
+        xxx, xxy = scratch[TWIST_XXX, i], scratch[TWIST_XXY, i]
+        xyy, yyy = scratch[TWIST_XYY, i], scratch[TWIST_YYY, i]
+        scratch[KINK_XXX, i] = 3.0 * (xxx * exx + xxy * eyx) - scratch[KINK_XXX, i]
+        scratch[KINK_XXY, i] = (
+            xxx * exy + xxy * eyy + 2.0 * (xxy * exx + xyy * eyx) - scratch[KINK_XXY, i]
+        )
+        scratch[KINK_XYY, i] = (
+            2.0 * (xxy * exy + xyy * eyy) + xyy * exx + yyy * eyx - scratch[KINK_XYY, i]
+        )
+        scratch[KINK_YYY, i] = 3.0 * (xyy * exy + yyy * eyy) - scratch[KINK_YYY, i]
+    for i in range(count):
+        ax, bx = newton_step(i, scratch[KINK_XXX, i], scratch[KINK_XXY, i], scratch)
+        ay, by = newton_step(i, scratch[KINK_XXY, i], scratch[KINK_XYY, i], scratch)
+        az, bz = newton_step(i, scratch[KINK_XYY, i], scratch[KINK_YYY, i], scratch)
+        xxx, xyx = newton_step(i, ax, ay, scratch)
+        xxy, xyy = newton_step(i, ay, az, scratch)
+        yyx = newton_step(i, bx, by, scratch)[1]
+        yyy = newton_step(i, by, bz, scratch)[1]
+        scratch[KINK_XXX, i], scratch[KINK_XXY, i] = newton_step(i, xxx, xxy, scratch)
+        scratch[KINK_XYY, i] = newton_step(i, xyx, xyy, scratch)[1]
+        scratch[KINK_YYY, i] = newton_step(i, yyx, yyy, scratch)[1]
+
+
+@kernel
+def curvatures_from_sums(count, scratch):
+    """Hessians H = J^-1 M J^-1 into the BEND rows, in place."""
+    for i in range(count):
         px, py = newton_step(i, scratch[BEND_XX, i], scratch[BEND_XY, i], scratch)
         qx, qy = newton_step(i, scratch[BEND_XY, i], scratch[BEND_YY, i], scratch)
         scratch[BEND_XX, i], scratch[BEND_XY, i] = newton_step(i, px, qx, scratch)
         scratch[BEND_YY, i] = newton_step(i, py, qy, scratch)[1]
+
+
+@kernel
+def carry_jets(x, y, scratch):
+    """Carry the jets from their particles to the points x, y: what is left of the residual r
+    enters the height in fourth order, the gradient in third. Moves the labels in first."""
     for i in range(x.size):
         rx = x[i] - scratch[LABEL_X, i] - scratch[OFFSET_X, i]
         ry = y[i] - scratch[LABEL_Y, i] - scratch[OFFSET_Y, i]
         step_x, step_y = newton_step(i, rx, ry, scratch)
         scratch[LABEL_X, i] += step_x
         scratch[LABEL_Y, i] += step_y
-        turn_x = scratch[BEND_XX, i] * rx + scratch[BEND_XY, i] * ry
-        turn_y = scratch[BEND_XY, i] * rx + scratch[BEND_YY, i] * ry
-        rise_x = (scratch[SLOPE_X, i] + 0.5 * turn_x) * rx
-        rise_y = (scratch[SLOPE_Y, i] + 0.5 * turn_y) * ry
-        scratch[HEIGHT, i] += rise_x + rise_y
-        scratch[SLOPE_X, i] += turn_x
-        scratch[SLOPE_Y, i] += turn_y
+        scratch[OFFSET_X, i], scratch[OFFSET_Y, i] = rx, ry
+    for i in range(x.size):
+        rx, ry = scratch[OFFSET_X, i], scratch[OFFSET_Y, i]
+        turn_xx = scratch[KINK_XXX, i] * rx + scratch[KINK_XXY, i] * ry
+        turn_xy = scratch[KINK_XXY, i] * rx + scratch[KINK_XYY, i] * ry
+        turn_yy = scratch[KINK_XYY, i] * rx + scratch[KINK_YYY, i] * ry
+        bend_xx = scratch[BEND_XX, i] + turn_xx / 3.0
+        bend_xy = scratch[BEND_XY, i] + turn_xy / 3.0
+        bend_yy = scratch[BEND_YY, i] + turn_yy / 3.0
+        rise_x = scratch[SLOPE_X, i] + 0.5 * (bend_xx * rx + bend_xy * ry)
+        rise_y = scratch[SLOPE_Y, i] + 0.5 * (bend_xy * rx + bend_yy * ry)
+        scratch[HEIGHT, i] += rise_x * rx + rise_y * ry
+    for i in range(x.size):
+        rx, ry = scratch[OFFSET_X, i], scratch[OFFSET_Y, i]
+        turn_xx = scratch[KINK_XXX, i] * rx + scratch[KINK_XXY, i] * ry
+        turn_xy = scratch[KINK_XXY, i] * rx + scratch[KINK_XYY, i] * ry
+        turn_yy = scratch[KINK_XYY, i] * rx + scratch[KINK_YYY, i] * ry
+        bend_xx = scratch[BEND_XX, i] + 0.5 * turn_xx
+        bend_xy = scratch[BEND_XY, i] + 0.5 * turn_xy
+        bend_yy = scratch[BEND_YY, i] + 0.5 * turn_yy
+        scratch[SLOPE_X, i] += bend_xx * rx + bend_xy * ry
+        scratch[SLOPE_Y, i] += bend_xy * rx + bend_yy * ry
+        scratch[BEND_XX, i] += turn_xx
+        scratch[BEND_XY, i] += turn_xy
+        scratch[BEND_YY, i] += turn_yy
+
+
+@njit(inline="always")
+def largest_residual(x, y, scratch):
+    """Largest residual squared [m^2] of the points x, y at the labels that the sums are of."""
+    largest = 0.0
+    for i in range(x.size):
+        rx = x[i] - scratch[LABEL_X, i] - scratch[OFFSET_X, i]
+        ry = y[i] - scratch[LABEL_Y, i] - scratch[OFFSET_Y, i]
+        largest = max(largest, rx * rx + ry * ry)
+    return largest
 
 
 @kernel
-def solve_jets(x, y, components, time, tolerance, at_least, jets):
+def solve_jets(x, y, components, time, tolerance, steps, jets):
     """Jets (JET_ROWS, N) of the surface at the points x, y: (N,), from one solve.
 
-    The labels are solved until their residual was below the tolerance [m] and one step further,
-    with `at_least` so many steps: as long as these suffice, jets are smooth functions of the point
-    however loose the tolerance is.
+    Takes `steps` plain Newton steps from the points to the labels. Where that leaves a residual
+    above the tolerance [m] the labels are solved further, so as long as the steps suffice, jets
+    are smooth functions of the point however loose the tolerance is.
     """
     heights, scratch = np.empty(CHUNK), np.empty((SCRATCH_ROWS, CHUNK))
     for start in range(0, x.size, CHUNK):
@@ -309,10 +422,19 @@ def solve_jets(x, y, components, time, tolerance, at_least, jets):
         px, py = x[start:end], y[start:end]
         scratch[LABEL_X, :count] = px
         scratch[LABEL_Y, :count] = py
-        solve_chunk(px, py, components, time, tolerance, at_least, heights[:count], scratch)
-        wave_sums(count, components, time, scratch)
-        curvature_sums(count, components, time, scratch)
-        jets_from_sums(px, py, scratch)
+        filled = fill_up(count, scratch)
+        for _ in range(steps):
+            wave_sums(filled, components, time, scratch)
+            newton_update(px, py, heights, scratch)
+        jet_sums(filled, components, time, scratch)
+        if not largest_residual(px, py, scratch) <= tolerance * tolerance:
+            solve_chunk(px, py, components, time, tolerance, heights[:count], scratch)
+            jet_sums(filled, components, time, scratch)
+        slopes_from_sums(filled, scratch)
+        third_from_sums(filled, scratch)
+        curvatures_from_sums(filled, scratch)
+        carry_jets(px, py, scratch)
         jets[JET_HEIGHT : JET_Y + 1, start:end] = scratch[HEIGHT : SLOPE_Y + 1, :count]
         jets[JET_XX : JET_YY + 1, start:end] = scratch[BEND_XX : BEND_YY + 1, :count]
+        jets[JET_XXX : JET_YYY + 1, start:end] = scratch[KINK_XXX : KINK_YYY + 1, :count]
         jets[JET_LABEL_X : JET_LABEL_Y + 1, start:end] = scratch[LABEL_X : LABEL_Y + 1, :count]

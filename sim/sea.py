@@ -22,6 +22,7 @@ from sim.gerstner import (
     JET_X,
     JET_XX,
     JET_XY,
+    JET_Y,
     JET_YY,
     TURNS,
     TURNS_X,
@@ -209,7 +210,7 @@ class Sea:
     def curvature_bound(self) -> float:
         """Bound [1/m] on the elevation's second derivatives, everywhere and in any direction.
 
-        In the formula of H (see `gerstner.jets_from_sums`) each factor J^-1 is at most
+        In the formula of H (see `gerstner.slopes_from_sums`) each factor J^-1 is at most
         1 / (1 - sum k a) and the sum, as |G| <= sum k a / (1 - sum k a), at most
         sum k^2 a / (1 - sum k a).
         """
@@ -241,7 +242,7 @@ class Sea:
         up = -np.cos(theta) @ speed
         return Surface(
             jets[..., JET_HEIGHT] + self.level,
-            jets[..., JET_X:JET_XX],
+            jets[..., JET_X : JET_Y + 1],
             hessian,
             np.concatenate([across, up[..., None]], axis=-1),
         )
@@ -305,7 +306,7 @@ class Sea:
 
         def solve(x: Array, y: Array, time: float) -> Array:
             jets = np.empty((JET_ROWS, x.size))
-            solve_jets(x, y, self.components, time, self.residual_tolerance, 1, jets)
+            solve_jets(x, y, self.components, time, self.residual_tolerance, 0, jets)
             return jets.T
 
         return _per_time(solve, x, y, time)

@@ -1,16 +1,16 @@
 """Patch tree: a hull's surface cut into patches, with all that a step needs prepared.
 
 See `patches` for what it is for. Heads are polynomials in d, the place relative to the patch's
-centre, over ten monomials. For each node of the tree the integrals of
+centre, over twenty monomials. For each node of the tree the integrals of
 
     monomial(d) n        and        r x monomial(d) n        (r from the hull frame's origin)
 
-over its surface are the *moments*: a surely wet node contributes the head's ten coefficients
+over its surface are the *moments*: a surely wet node contributes the head's coefficients
 times its moments, exactly. Everything here happens once, in plain NumPy.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
@@ -21,27 +21,27 @@ from sim.methods.linear import corner_shares
 from sim.triangle import gauss_rule
 
 Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 
-LEAF_TRIANGLES = 16
-"""A node with at most so many triangles is not divided further: fewer make a deeper tree, more
-open triangles that the waterline does not touch. At most 21: their vertices are bits of a word."""
+LEAF_TRIANGLES = LEAF_VERTICES = 16
+"""A node with no more of them is not divided further: fewer make a deeper tree, more open
+triangles that the waterline does not touch. All leaves have room for so many, so that loops
+over them have a fixed length and vectorise whole."""
 
 MAX_TRIANGLES = 2_000_000
 """Splitting stops here: such a tree takes some gigabytes."""
 
-MONOMIALS = 10
-"""1, x, y, z, xx, xy, xz, yy, yz, zz."""
+LINEAR, BENDING = 4, 16
+"""Monomials: 1, x, y, z, and xx, xy, xz, yy, yz, zz, xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz,
+zzz. The second group only counts in waves, where it is small, so its moments are kept in single
+precision: a step waits for memory more than for anything else."""
 
-QUADRATIC = 4
-"""The first quadratic one."""
+MONOMIALS = LINEAR + BENDING
 
-# Columns of PatchTree.nodes before the moments and of PatchTree.leaves before the area.
-MOMENTS = 6
-LEAF_AREA = 6 * (MONOMIALS - QUADRATIC)
-
-# Columns of PatchTree.links, a row for each node.
-AFTER, VERTICES, VERTICES_END, TRIANGLES, TRIANGLES_END, LEAF = range(6)
+# Columns of PatchTree.nodes after the box: a node's numbers are kept as reals so that all a walk
+# needs of it is one line of the cache.
+AFTER, LEAF = 6, 7
 
 
 @dataclass(frozen=True)
@@ -49,24 +49,32 @@ class PatchTree:
     """A hull cut into patches of a given radius; lengths in metres, body frame.
 
     patches: (P, 4), centre and radius; patch_nodes (P, 2), first node and end. Nodes come in
-    the order of a walk that opens all: nodes (N, 6 + 60), the bounding box's middle from the
-    patch's centre, its half sides, the moments; links (N, 6), the node AFTER the subtree and,
-    for a leaf (LEAF is its number, -1 for other nodes), its ranges of vertices and triangles.
-    Of the leaves: places (3, .) of the vertices from the patch's centre and their weights
-    (., 6) as in `linear`; triangles (., 4), indices of vertices and the set of them as bits,
-    counted from the leaf's first; areas (., 4), area vector and area; leaves (L, 37), what the
-    six quadratic coefficients add to the vertex sum when all of the leaf is wet, and its area.
+    the order of a walk that opens all: nodes (N, 8), the bounding box's middle from the
+    patch's centre, its half sides, the node AFTER the subtree and the number of the LEAF, -1 for
+    other nodes. Their moments by monomial group: linear_moments (N, 6, LINEAR) and bending_moments
+    (N, 6, BENDING). Of the L leaves: places (L, 3, LEAF_VERTICES) of the vertices from the patch's
+    centre and their weights (L, 6, LEAF_VERTICES) as in `linear`, the last ones of no weight;
+    bends (L, 6, BENDING), what the bending coefficients add to the vertex sum when all of the leaf
+    is wet; triangles (L, LEAF_TRIANGLES), as `triangle_codes` has them, 0 for none.
     """
 
     patches: Array
-    patch_nodes: Integers
     nodes: Array
-    links: Integers
+    linear_moments: Array
     places: Array
     weights: Array
+    bending_moments: Singles
+    bends: Singles
+    patch_nodes: Integers
     triangles: Integers
-    areas: Array
-    leaves: Array
+
+
+def triangle_codes(corners: Integers) -> Integers:
+    """Triangles (N, 3) of vertices below 16 as one number each: the bytes a, b, c, a, b, from which
+    the corners are read in any order, then the set of corners as bits."""
+    a, b, c = corners.T
+    bits = (np.int64(1) << corners).sum(axis=1)
+    return a | b << 8 | c << 16 | a << 24 | b << 32 | bits << 40
 
 
 def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
@@ -97,19 +105,21 @@ def _split(corners: Array, edge: float) -> Array:
 
 
 def monomials(d: Array) -> Array:
-    """The ten monomials (..., MONOMIALS) at places (..., 3)."""
+    """The monomials (..., MONOMIALS) at places (..., 3)."""
     x, y, z = np.moveaxis(d, -1, 0)
-    return np.stack([np.ones_like(x), x, y, z, x * x, x * y, x * z, y * y, y * z, z * z], axis=-1)
+    xx, xy, xz, yy, yz, zz = second = x * x, x * y, x * z, y * y, y * z, z * z
+    third = x * xx, y * xx, z * xx, x * yy, x * yz, x * zz, y * yy, z * yy, y * zz, z * zz
+    return np.stack([np.ones_like(x), x, y, z, *second, *third], axis=-1)
 
 
 def triangle_moments(corners: Array, area_vectors: Array, centres: Array) -> Array:
-    """Moments (N, MONOMIALS, 6) of triangles (N, 3, 3), places d taken from centres (N, 3)."""
-    points, weights = gauss_rule(3)  # exact to degree 4; the torque of a quadratic needs 3
-    moments = np.zeros((len(corners), MONOMIALS, 6))
+    """Moments (N, 6, MONOMIALS) of triangles (N, 3, 3), places d taken from centres (N, 3)."""
+    points, weights = gauss_rule(3)  # exact to degree 4: what the torque of a cubic needs
+    moments = np.zeros((len(corners), 6, MONOMIALS))
     for barycentric, weight in zip(points, weights, strict=True):
         place = np.einsum("c,ncx->nx", barycentric, corners)
         wrench = np.hstack([area_vectors, np.cross(place, area_vectors)])
-        moments += weight * monomials(place - centres)[:, :, None] * wrench[:, None, :]
+        moments += weight * wrench[:, :, None] * monomials(place - centres)[:, None, :]
     return moments
 
 
@@ -127,13 +137,9 @@ class _Builder:
         self.shares = corner_shares(corners, self.area_vectors)
         self.points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         self.numbers = numbers.reshape(-1, 3)
-        self.nodes: list[Array] = []
-        self.links: list[list[int]] = []
-        self.vertices: list[Array] = []
-        self.triangles: list[Array] = []
-        self.areas: list[Array] = []
-        self.leaves: list[Array] = []
-        self.counts = [0, 0]  # vertices and triangles of the leaves so far
+        self.nodes: list[list[float]] = []
+        self.node_moments: list[Array] = []
+        self.leaves: list[tuple[Array, Array, Array, Integers]] = []
 
     def tree(self) -> PatchTree:
         patches = list(self._patches(np.arange(len(self.corners))))
@@ -145,38 +151,41 @@ class _Builder:
         for chosen, centre, _ in patches:
             first.append(len(self.nodes))
             self._grow(chosen, centre)
-        vertices = np.concatenate(self.vertices)
+        moments = np.array(self.node_moments)
+        places, weights, bends, triangles = map(np.array, zip(*self.leaves, strict=True))
         return PatchTree(
             patches=np.array([[*centre, radius] for _, centre, radius in patches]),
-            patch_nodes=np.column_stack([first, [*first[1:], len(self.nodes)]]),
             nodes=np.array(self.nodes),
-            links=np.array(self.links),
-            places=np.ascontiguousarray(vertices[:, :3].T),
-            weights=np.ascontiguousarray(vertices[:, 3:]),
-            triangles=np.concatenate(self.triangles),
-            areas=np.concatenate(self.areas),
-            leaves=np.array(self.leaves),
+            linear_moments=moments[:, :, :LINEAR],
+            places=places,
+            weights=weights,
+            bending_moments=moments[:, :, LINEAR:].astype(np.float32),
+            bends=bends.astype(np.float32),
+            patch_nodes=np.column_stack([first, [*first[1:], len(self.nodes)]]),
+            triangles=triangles,
         )
 
     def _patches(self, chosen: Integers) -> Iterator[tuple[Integers, Array, float]]:
         """Divide triangles until they fit a patch: its triangles, centre and radius."""
         points = self.corners[chosen].reshape(-1, 3)
-        # the middle of the area, not of the bounds: there the jet's odd errors cancel best
+        # the middle of the area, not of the bounds: there the jet's errors cancel best
         centre = self.sizes[chosen] @ self.middles[chosen] / self.sizes[chosen].sum()
         radius = float(np.linalg.norm(points - centre, axis=1).max())
         if radius <= self.radius or len(chosen) == 1:
             yield chosen, centre, radius
             return
-        for half in self._halves(chosen):
-            yield from self._patches(chosen[half])
+        along = self._along(chosen)
+        near = along < 0.5 * (along.min() + along.max())
+        if near.all() or not near.any():
+            near = np.arange(len(chosen)) < len(chosen) // 2
+        yield from self._patches(chosen[near])
+        yield from self._patches(chosen[~near])
 
-    def _halves(self, chosen: Integers) -> tuple[Integers, Integers]:
-        """Indices into `chosen` of two halves by number, apart along the axis in which the
-        triangles spread most."""
-        middles = self.middles[chosen]
-        order = np.argsort(middles[:, np.ptp(middles, axis=0).argmax()], kind="stable")
-        half = len(chosen) // 2
-        return np.sort(order[:half]), np.sort(order[half:])
+    def _along(self, chosen: Integers) -> Array:
+        """Where triangles lie along the axis in which they spread most."""
+        middles = self.middles[chosen] - self.middles[chosen].mean(axis=0)
+        _, axes = np.linalg.eigh(middles.T @ middles)
+        return middles @ axes[:, 2]
 
     def _grow(self, chosen: Integers, centre: Array) -> None:
         """Add the node of triangles within a patch and, behind it, its subtree."""
@@ -184,68 +193,64 @@ class _Builder:
         points = self.corners[chosen].reshape(-1, 3) - centre
         low, high = points.min(axis=0), points.max(axis=0)
         moments = self.moments[chosen].sum(axis=0)
-        self.nodes.append(np.concatenate([0.5 * (low + high), 0.5 * (high - low), moments.ravel()]))
-        self.links.append([0, 0, 0, 0, 0, -1])
-        if len(chosen) <= LEAF_TRIANGLES:
-            self.links[node][VERTICES:] = self._add_leaf(chosen, moments, centre)
+        self.nodes.append([*(0.5 * (low + high)), *(0.5 * (high - low)), 0.0, -1.0])
+        self.node_moments.append(moments)
+        vertices, which = np.unique(self.numbers[chosen], return_inverse=True)
+        if len(chosen) <= LEAF_TRIANGLES and len(vertices) <= LEAF_VERTICES:
+            self.nodes[node][LEAF] = len(self.leaves)
+            self._add_leaf(chosen, vertices, which.reshape(-1, 3), moments, centre)
         else:
-            for half in self._halves(chosen):
-                self._grow(chosen[half], centre)
-        self.links[node][AFTER] = len(self.nodes)
+            order = np.argsort(self._along(chosen), kind="stable")
+            leaves = max(2, -(-len(chosen) // LEAF_TRIANGLES))
+            near = order[: len(chosen) * (leaves // 2) // leaves]  # so that leaves become full
+            chosen_near = np.zeros(len(chosen), dtype=bool)
+            chosen_near[near] = True
+            self._grow(chosen[chosen_near], centre)
+            self._grow(chosen[~chosen_near], centre)
+        self.nodes[node][AFTER] = len(self.nodes)
 
-    def _add_leaf(self, chosen: Integers, moments: Array, centre: Array) -> list[int]:
-        """Add the triangles of a leaf; returns its part of the node's links."""
-        numbers, which = np.unique(self.numbers[chosen], return_inverse=True)
-        which = which.reshape(-1, 3)
-        weights = np.zeros((len(numbers), 6))
+    def _add_leaf(
+        self, chosen: Integers, vertices: Integers, which: Integers, moments: Array, centre: Array
+    ) -> None:
+        """Add a leaf of triangles whose corners are the vertices `which` (N, 3)."""
+        count = len(vertices)
+        weights = np.zeros((LEAF_VERTICES, 6))
         np.add.at(weights, which.ravel(), self.shares[chosen].reshape(-1, 6))
-        places = self.points[numbers] - centre
-        bend = (moments - monomials(places).T @ weights)[QUADRATIC:]
-        vertex, triangle = self.counts
-        self.counts = [vertex + len(numbers), triangle + len(chosen)]
-        self.vertices.append(np.hstack([places, weights]))
-        bits = (np.int64(1) << which).sum(axis=1)
-        self.triangles.append(np.column_stack([which + vertex, bits]))
-        self.areas.append(np.column_stack([self.area_vectors[chosen], self.sizes[chosen]]))
-        self.leaves.append(np.append(bend.ravel(), self.sizes[chosen].sum()))
-        return [vertex, self.counts[0], triangle, self.counts[1], len(self.leaves) - 1]
+        places = np.empty((LEAF_VERTICES, 3))
+        places[:count] = self.points[vertices] - centre
+        places[count:] = places[0]
+        bends = (moments - weights.T @ monomials(places))[:, LINEAR:]
+        triangles = np.zeros(LEAF_TRIANGLES, dtype=np.int64)
+        triangles[: len(chosen)] = triangle_codes(which)
+        self.leaves.append((places.T, weights.T, bends, triangles))
 
 
 def joined(trees: Sequence[PatchTree]) -> PatchTree:
     """Several trees as one, patches in order, with all indices moved accordingly."""
-    patch_nodes, links, triangles = [], [], []
-    nodes = vertices = faces = leaves = 0
+    arrays: dict[str, list[NDArray]] = {field.name: [] for field in fields(PatchTree)}
+    nodes = leaves = 0
     for tree in trees:
-        patch_nodes.append(tree.patch_nodes + nodes)
-        moved = tree.links + [nodes, vertices, vertices, faces, faces, leaves]
-        moved[tree.links[:, LEAF] < 0, LEAF] = -1
-        links.append(moved)
-        triangles.append(tree.triangles + [vertices, vertices, vertices, 0])
+        for name, blocks in arrays.items():
+            blocks.append(getattr(tree, name))
+        moved = tree.nodes.copy()
+        moved[:, AFTER] += nodes
+        moved[moved[:, LEAF] >= 0.0, LEAF] += leaves
+        arrays["nodes"][-1] = moved
+        arrays["patch_nodes"][-1] = tree.patch_nodes + nodes
         nodes += len(tree.nodes)
-        vertices += len(tree.weights)
-        faces += len(tree.triangles)
-        leaves += len(tree.leaves)
-    return PatchTree(
-        patches=np.concatenate([tree.patches for tree in trees]),
-        patch_nodes=np.concatenate(patch_nodes),
-        nodes=np.concatenate([tree.nodes for tree in trees]),
-        links=np.concatenate(links),
-        places=np.concatenate([tree.places for tree in trees], axis=1),
-        weights=np.concatenate([tree.weights for tree in trees]),
-        triangles=np.concatenate(triangles),
-        areas=np.concatenate([tree.areas for tree in trees]),
-        leaves=np.concatenate([tree.leaves for tree in trees]),
-    )
+        leaves += len(tree.places)
+    return PatchTree(**{name: np.concatenate(blocks) for name, blocks in arrays.items()})
 
 
-def packed(tree: PatchTree) -> tuple[Array, Integers]:
-    """All arrays of a tree in two: each array handed to a kernel costs a tenth of a microsecond."""
-    sizes = [len(a) for a in (tree.patches, tree.nodes, tree.weights, tree.triangles, tree.leaves)]
-    reals = (tree.patches, tree.nodes, tree.places, tree.weights, tree.areas, tree.leaves)
-    integers = (np.array(sizes), tree.patch_nodes, tree.links, tree.triangles)
-    return (
-        np.concatenate([array.ravel() for array in reals]),
-        np.concatenate([array.ravel() for array in integers]).astype(np.int64),
+def packed(tree: PatchTree) -> tuple[Array, Singles, Integers]:
+    """All arrays of a tree in three: each array handed to a kernel costs a tenth of a
+    microsecond."""
+    sizes = np.array([len(array) for array in (tree.patches, tree.nodes, tree.places)])
+    reals = (tree.nodes, tree.linear_moments, tree.places, tree.weights, tree.patches)
+    singles = (tree.bending_moments, tree.bends)
+    integers = (sizes, tree.patch_nodes, tree.triangles)
+    return tuple(
+        np.concatenate([array.ravel() for array in group]) for group in (reals, singles, integers)
     )
 
 
@@ -256,16 +261,19 @@ def _block(array, start, rows, columns):
 
 
 @njit(inline="always")
-def unpacked(reals, integers):
-    """The arrays of PatchTree, in its order, from those of `packed`."""
-    p, n, v, t, m = integers[0], integers[1], integers[2], integers[3], integers[4]
-    patches, at = _block(reals, 0, p, 4)
-    nodes, at = _block(reals, at, n, MOMENTS + 6 * MONOMIALS)
-    places, at = _block(reals, at, 3, v)
-    weights, at = _block(reals, at, v, 6)
-    areas, at = _block(reals, at, t, 4)
-    leaves, at = _block(reals, at, m, LEAF_AREA + 1)
-    patch_nodes, at = _block(integers, 5, p, 2)
-    links, at = _block(integers, at, n, 6)
-    triangles, at = _block(integers, at, t, 4)
-    return patches, patch_nodes, nodes, links, places, weights, triangles, areas, leaves
+def unpacked(reals, singles, integers):
+    """The arrays of PatchTree, in its order, from those of `packed`; a row for each node or leaf."""
+    p, n, leaves = integers[0], integers[1], integers[2]
+    nodes, at = _block(reals, 0, n, 8)
+    linear_moments, at = _block(reals, at, n, 6 * LINEAR)
+    places, at = _block(reals, at, leaves, 3 * LEAF_VERTICES)
+    weights, at = _block(reals, at, leaves, 6 * LEAF_VERTICES)
+    patches, at = _block(reals, at, p, 4)
+    bending_moments, at = _block(singles, 0, n, 6 * BENDING)
+    bends, at = _block(singles, at, leaves, 6 * BENDING)
+    patch_nodes, at = _block(integers, 3, p, 2)
+    triangles, at = _block(integers, at, leaves, LEAF_TRIANGLES)
+    return (
+        patches, nodes, linear_moments, places, weights, bending_moments, bends, patch_nodes,
+        triangles,
+    )  # fmt: skip

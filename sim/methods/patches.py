@@ -1,14 +1,15 @@
 """Patches: the work follows the sea, not the mesh.
 
-Over a small region the sea is a quadratic: value, two slopes and three curvatures at a point, its
-*jet*, from one Newton solve. In the body frame the head above a place d from the region's centre
-is then a polynomial
+Over a small region the sea is a cubic: value, two slopes, three curvatures and four third
+derivatives at a point, its *jet*, from one Newton solve. In the body frame the head above a
+place d from the region's centre is then a polynomial
 
-    head(d) = h + G . d + d . Q d / 2
+    head(d) = h + G . d + d . Q d / 2 + C(d, d, d) / 6
 
-(for hydrostatic pressure: h = elevation - z, G = R^T (slope, -1), Q = R^T diag(curvature, 0) R),
-and the wrench of a piece of surface that is wet all over is linear in its ten coefficients,
-with integrals over that piece as factors, which are known beforehand: its *moments*.
+(for hydrostatic pressure: h = elevation - z, G = R^T (slope, -1), Q = R^T diag(curvature, 0) R,
+C the third derivatives turned likewise), and the wrench of a piece of surface that is wet all over
+is linear in its twenty coefficients, with integrals over that piece as factors, which are
+known beforehand: its *moments*.
 
 Once, when hull and sea are known, the hull is cut into *patches* small enough for the
 jet to hold to the tolerance (`patch_radius`), each with a tree of nodes below it
@@ -22,8 +23,8 @@ jet to hold to the tolerance (`patch_radius`), each with a tree of nodes below i
 The work grows with the number of wavelets under the hull and the length of the waterline, not
 with the number of triangles, and no sine or cosine is taken outside of step 1.
 
-In an opened leaf heads are linear over each triangle. What the quadratic has beyond that is
-added in proportion to the leaf's wet area, so a leaf that comes to be wet all over has
+In an opened leaf heads are linear over each triangle. What the polynomial has beyond that is
+added in proportion to how much of the leaf is wet, so a leaf that comes to be wet all over has
 the very value of its moments, and forces do not jump when nodes open or close.
 """
 
@@ -38,9 +39,13 @@ from sim.gerstner import (
     JET_ROWS,
     JET_X,
     JET_XX,
+    JET_XXX,
+    JET_XXY,
     JET_XY,
+    JET_XYY,
     JET_Y,
     JET_YY,
+    JET_YYY,
     LABEL_X,
     LABEL_Y,
     PLAIN_STEPS,
@@ -55,16 +60,12 @@ from sim.hull import Hull
 from sim.methods.linear import placed
 from sim.methods.patch_tree import (
     AFTER,
+    BENDING,
     LEAF,
-    LEAF_AREA,
     LEAF_TRIANGLES,
-    MOMENTS,
+    LEAF_VERTICES,
+    LINEAR,
     MONOMIALS,
-    QUADRATIC,
-    TRIANGLES,
-    TRIANGLES_END,
-    VERTICES,
-    VERTICES_END,
     build_tree,
     joined,
     packed,
@@ -85,6 +86,15 @@ crests, where jets are worst, are where particles crowd."""
 
 SAFETY = 1.5
 """The worst place of the sea may be this much worse than the worst sample."""
+
+CARRY = 0.05
+"""A jet may come from a particle so many radii away from the patch's centre: the solve for it then
+ends early, and patches are by that much smaller."""
+
+# What a polynomial has behind its coefficients: bounds on its second and third order terms over
+# the second and third power of the distance.
+BOUND_2, BOUND_3 = MONOMIALS, MONOMIALS + 1
+POLYNOMIAL_COLUMNS = 24
 
 
 class Patches:
@@ -148,8 +158,8 @@ class PatchFleet:
                 for w, pose, row in zip(which, poses, rows, strict=True)
             ]
         )
-        self._reals, self._integers = packed(joined(trees))
-        self._residual = jet_residual(sea, min(method.radius for method in methods))
+        self._reals, self._singles, self._integers = packed(joined(trees))
+        self._residual = CARRY * min(float(tree.patches[:, 3].min()) for tree in trees)
         self._steps = jet_steps(sea, self._residual)
 
     def add_wrenches(self, positions: Array, rotations: Array, time: float, out: Array) -> None:
@@ -158,6 +168,7 @@ class PatchFleet:
         sea = self._sea
         fleet_wrenches(
             self._reals,
+            self._singles,
             self._integers,
             self._instances,
             sea.components,
@@ -177,21 +188,22 @@ def patch_radius(sea: Sea, tolerance: float, largest: float) -> float:
     """Radius [m] up to which a jet of the sea is right to the tolerance [m], inf if that is more
     than `largest` [m].
 
-    A bound from the third derivatives would do as well, but where many waves would have to
+    A bound from the fourth derivatives would do as well, but where many waves would have to
     conspire it asks for several times too many patches. So jets are tried where particles
     are, all phases alike, and the worst error found, times SAFETY, has to pass.
     """
     if not sea.components.size:
         return np.inf
-    places = _sample_places(sea)
-    surface = sea.surface(places[:, 0], places[:, 1], 0.0)
+    x, y = _sample_places(sea).T.copy()
+    jets = np.empty((JET_ROWS, x.size))
+    solve_jets(x, y, sea.components, 0.0, sea.residual_tolerance, 0, jets)
     radius = largest
     for _ in range(12):
-        error = SAFETY * _jet_error(sea, places, surface, radius)
+        error = SAFETY * _jet_error(sea, x, y, jets, (1.0 + CARRY) * radius)
         if error <= tolerance:
             return np.inf if radius == largest else radius
-        # error ~ radius^3 where it is small; a hair less, so that the next try passes
-        radius *= 0.99 * (tolerance / error) ** (1.0 / 3.0)
+        # error ~ radius^4 where it is small; a hair less, so that the next try passes
+        radius *= 0.99 * (tolerance / error) ** 0.25
     return radius
 
 
@@ -202,14 +214,17 @@ def _sample_places(sea: Sea) -> Array:
     return sea.particles(labels, 0.0)[:, :2]
 
 
-def _jet_error(sea: Sea, places: Array, surface, radius: float) -> float:
-    """Largest error [m] of the jets at places, a radius away from them."""
+def _jet_error(sea: Sea, x: Array, y: Array, jets: Array, radius: float) -> float:
+    """Largest error [m] of the jets at places x, y, a radius away from them."""
     worst = 0.0
     for angle in 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
-        d = radius * np.array([np.cos(angle), np.sin(angle)])
-        jet = surface.elevation + surface.gradient @ d + 0.5 * (surface.hessian @ d) @ d
-        found = sea.elevation(places[:, 0] + d[0], places[:, 1] + d[1], 0.0)
-        worst = max(worst, float(np.abs(found - jet).max()))
+        dx, dy = radius * np.cos(angle), radius * np.sin(angle)
+        head = jets[JET_HEIGHT] + dx * jets[JET_X] + dy * jets[JET_Y]
+        head += 0.5 * (dx * dx * jets[JET_XX] + dy * dy * jets[JET_YY]) + dx * dy * jets[JET_XY]
+        head += (dx**3 * jets[JET_XXX] + dy**3 * jets[JET_YYY]) / 6.0
+        head += 0.5 * dx * dy * (dx * jets[JET_XXY] + dy * jets[JET_XYY])
+        found = sea.elevation(x + dx, y + dy, 0.0) - sea.level
+        worst = max(worst, float(np.abs(found - head).max()))
     return worst
 
 
@@ -227,27 +242,18 @@ def longest_edge(sea: Sea, tolerance: float) -> float:
     return np.sqrt(6.0 * tolerance / largest) if largest > 0.0 else np.inf
 
 
-def jet_residual(sea: Sea, radius: float) -> float:
-    """Residual [m] at which to stop solving for a jet: one more step then leaves at most a
-    hundredth of the radius, from which the jet itself carries on without loss."""
-    bend = sum(wave.wavenumber**2 * wave.amplitude for wave in sea.waves)
-    if bend == 0.0 or radius == np.inf:
-        return sea.residual_tolerance
-    return (1.0 - sea.steepness) * np.sqrt(0.02 * radius / bend)
-
-
 def jet_steps(sea: Sea, residual: float) -> int:
-    """Newton steps that bring all samples below a residual [m]. Taking as many for every patch,
-    whatever its residual, keeps the wrench a smooth function of the pose."""
+    """Newton steps that leave all samples a residual below this one [m]. Taking as many for every
+    patch, whatever its residual, keeps the wrench a smooth function of the pose."""
     if not sea.components.size:
-        return 1
+        return 0
     x, y = _sample_places(sea).T.copy()
     scratch, heights = np.zeros((SCRATCH_ROWS, SAMPLES)), np.empty(SAMPLES)
     scratch[LABEL_X], scratch[LABEL_Y] = x, y
-    for steps in range(1, PLAIN_STEPS):
+    for steps in range(PLAIN_STEPS):
         wave_sums(SAMPLES, sea.components, 0.0, scratch)
         newton_update(x, y, heights, scratch)
-        if scratch[RESIDUAL].max() <= residual**2:
+        if SAFETY * np.sqrt(scratch[RESIDUAL].max()) <= residual:
             return steps
     return PLAIN_STEPS
 
@@ -273,187 +279,210 @@ def reachable_patches(
 
 @kernel
 def head_polynomials(jets, z, rows, rotations, polynomials):
-    """Coefficients (N, MONOMIALS) in the body frame of the heads around places at heights z [m]
-    above the level, from their jets; rows: of the rotations (., 9), body -> world."""
+    """Coefficients and bounds (N, POLYNOMIAL_COLUMNS) in the body frame of the heads around places
+    at heights z [m] above the level, from their jets; rows: of the rotations (., 9), body -> world.
+    """
     for i in range(z.size):
         r, q = rotations[rows[i]], polynomials[i]
         gx, gy = jets[JET_X, i], jets[JET_Y, i]
-        xx, xy, yy = 0.5 * jets[JET_XX, i], 0.5 * jets[JET_XY, i], 0.5 * jets[JET_YY, i]
         ax, ay, az, bx, by, bz = r[0], r[1], r[2], r[3], r[4], r[5]
         q[0] = jets[JET_HEIGHT, i] - z[i]
         q[1] = gx * ax + gy * bx - r[6]
         q[2] = gx * ay + gy * by - r[7]
         q[3] = gx * az + gy * bz - r[8]
-        ux, uy, uz = xx * ax + xy * bx, xx * ay + xy * by, xx * az + xy * bz
-        vx, vy, vz = xy * ax + yy * bx, xy * ay + yy * by, xy * az + yy * bz
-        q[4] = ux * ax + vx * bx
-        q[5] = 2.0 * (ux * ay + vx * by)
-        q[6] = 2.0 * (ux * az + vx * bz)
-        q[7] = uy * ay + vy * by
-        q[8] = 2.0 * (uy * az + vy * bz)
-        q[9] = uz * az + vz * bz
+        # a . d and b . d are the horizontal coordinates; their squares' coefficients:
+        axx, axy, axz, ayy, ayz, azz = ax * ax, 2 * ax * ay, 2 * ax * az, ay * ay, 2 * ay * az, az * az
+        bxx, bxy, bxz, byy, byz, bzz = bx * bx, 2 * bx * by, 2 * bx * bz, by * by, 2 * by * bz, bz * bz
+        xx, xy, yy = 0.5 * jets[JET_XX, i], jets[JET_XY, i], 0.5 * jets[JET_YY, i]
+        q[4] = xx * axx + yy * bxx + xy * ax * bx
+        q[5] = xx * axy + yy * bxy + xy * (ax * by + ay * bx)
+        q[6] = xx * axz + yy * bxz + xy * (ax * bz + az * bx)
+        q[7] = xx * ayy + yy * byy + xy * ay * by
+        q[8] = xx * ayz + yy * byz + xy * (ay * bz + az * by)
+        q[9] = xx * azz + yy * bzz + xy * az * bz
+        # the cubic is (a . d)^2 (u . d) + (b . d)^2 (v . d)
+        xxx, xxy = jets[JET_XXX, i] / 6.0, 0.5 * jets[JET_XXY, i]
+        xyy, yyy = 0.5 * jets[JET_XYY, i], jets[JET_YYY, i] / 6.0
+        ux, uy, uz = xxx * ax + xxy * bx, xxx * ay + xxy * by, xxx * az + xxy * bz
+        vx, vy, vz = xyy * ax + yyy * bx, xyy * ay + yyy * by, xyy * az + yyy * bz
+        q[10] = axx * ux + bxx * vx
+        q[11] = axx * uy + axy * ux + bxx * vy + bxy * vx
+        q[12] = axx * uz + axz * ux + bxx * vz + bxz * vx
+        q[13] = ayy * ux + axy * uy + byy * vx + bxy * vy
+        q[14] = axy * uz + axz * uy + ayz * ux + bxy * vz + bxz * vy + byz * vx
+        q[15] = azz * ux + axz * uz + bzz * vx + bxz * vz
+        q[16] = ayy * uy + byy * vy
+        q[17] = ayy * uz + ayz * uy + byy * vz + byz * vy
+        q[18] = ayz * uz + azz * uy + byz * vz + bzz * vy
+        q[19] = azz * uz + bzz * vz
+        q[BOUND_2] = np.sqrt(xx * xx + 0.5 * xy * xy + yy * yy)
+        q[BOUND_3] = np.sqrt(xxx * xxx + (xxy * xxy + xyy * xyy) / 3.0 + yyy * yyy)
+
+
+@njit(inline="always")
+def head_and_slope(q, x, y, z):
+    """Head at a place and its gradient there."""
+    axx = q[4] + x * q[10] + y * q[11] + z * q[12]
+    axy, axz = q[5] + y * q[13] + z * q[14], q[6] + z * q[15]
+    ayy, ayz, azz = q[7] + y * q[16] + z * q[17], q[8] + z * q[18], q[9] + z * q[19]
+    dx, dy, dz = x * axx + y * axy + z * axz, y * ayy + z * ayz, z * azz
+    head = q[0] + x * (q[1] + dx) + y * (q[2] + dy) + z * (q[3] + dz)
+    gx = q[1] + dx + x * (axx + x * q[10])
+    gy = q[2] + dy + x * (axy + x * q[11] + y * q[13]) + y * (ayy + y * q[16])
+    gz = q[3] + dz + x * (axz + x * q[12] + y * q[14] + z * q[15])
+    gz += y * (ayz + y * q[17] + z * q[18]) + z * (azz + z * q[19])
+    return head, gx, gy, gz
 
 
 @kernel
-def walk(patch_nodes, nodes, links, chosen, polynomials, wet, opened):
+def walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened):
     """Walk the trees of the chosen patches: (node, place in `chosen`) of the surely wet nodes and
     of the leaves that the waterline may cross, into wet (., 2) and opened (., 2); returns
     how many of each."""
     wet_count, opened_count = 0, 0
     for i in range(chosen.size):
         q = polynomials[i]
-        q0, q1, q2, q3, q4 = q[0], q[1], q[2], q[3], q[4]
-        q5, q6, q7, q8, q9 = q[5], q[6], q[7], q[8], q[9]
-        # bounds |d . Q d| / |d|^2
-        curvature = np.sqrt(q4 * q4 + q7 * q7 + q9 * q9 + 0.5 * (q5 * q5 + q6 * q6 + q8 * q8))
+        # in the patch a place is at most 2 radii from a box's middle, and that 1 from the centre
+        bend = q[BOUND_2] + (3.0 + 2.0) * patches[chosen[i], 3] * q[BOUND_3]
         node, end = patch_nodes[chosen[i], 0], patch_nodes[chosen[i], 1]
         while node < end:
-            x, y, z = nodes[node, 0], nodes[node, 1], nodes[node, 2]
-            u, v, w = nodes[node, 3], nodes[node, 4], nodes[node, 5]
-            gx = q1 + 2.0 * q4 * x + q5 * y + q6 * z
-            gy = q2 + q5 * x + 2.0 * q7 * y + q8 * z
-            gz = q3 + q6 * x + q8 * y + 2.0 * q9 * z
-            head = q0 + 0.5 * (x * (q1 + gx) + y * (q2 + gy) + z * (q3 + gz))
-            slack = abs(gx) * u + abs(gy) * v + abs(gz) * w + curvature * (u * u + v * v + w * w)
+            box = nodes[node]
+            u, v, w = box[3], box[4], box[5]
+            head, gx, gy, gz = head_and_slope(q, box[0], box[1], box[2])
+            slack = abs(gx) * u + abs(gy) * v + abs(gz) * w + bend * (u * u + v * v + w * w)
             if head <= -slack:
-                node = links[node, AFTER]
+                node = int(box[AFTER])
             elif head >= slack:
                 wet[wet_count, 0], wet[wet_count, 1] = node, i
                 wet_count += 1
-                node = links[node, AFTER]
+                node = int(box[AFTER])
             else:
-                if links[node, LEAF] >= 0:
-                    opened[opened_count, 0], opened[opened_count, 1] = node, i
+                if box[LEAF] >= 0.0:
+                    opened[opened_count, 0], opened[opened_count, 1] = int(box[LEAF]), i
                     opened_count += 1
                 node += 1
     return wet_count, opened_count
 
 
 @njit(inline="always")
-def add_products(q, first, count, row, column, factor, body):
-    """Add factor * q[first : first + count] times the (count, 6) block of a row."""
-    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(count):
-        c = q[first + k]
-        j = column + 6 * k
-        b0, b1, b2 = b0 + c * row[j], b1 + c * row[j + 1], b2 + c * row[j + 2]
-        b3, b4, b5 = b3 + c * row[j + 3], b4 + c * row[j + 4], b5 + c * row[j + 5]
-    add_six(body, factor * b0, factor * b1, factor * b2, factor * b3, factor * b4, factor * b5)
-
-
-@njit(inline="always")
-def add_six(body, b0, b1, b2, b3, b4, b5):
-    body[0], body[1], body[2] = body[0] + b0, body[1] + b1, body[2] + b2
-    body[3], body[4], body[5] = body[3] + b3, body[4] + b4, body[5] + b5
+def add_products(q, first, count, factor, block, sums):
+    """Add factor * q[first : first + count] times a block (6 * count,), lane by lane, to the sums
+    (6 * BENDING,): that way nothing has to be added up across a vector."""
+    for k in range(6):
+        for m in range(count):
+            sums[BENDING * k + m] += factor * q[first + m] * block[count * k + m]
 
 
 @kernel
-def add_wet_nodes(wet, nodes, owner, polynomials, body):
-    """Add the moments of the surely wet nodes to their instances' sums body (H, 6)."""
+def add_wet_nodes(wet, linear_moments, bending_moments, owner, polynomials, sums):
+    """Add the moments of the surely wet nodes to their instances' sums (H, 6 * BENDING)."""
     for n in range(wet.shape[0]):
-        i = wet[n, 1]
-        add_products(polynomials[i], 0, MONOMIALS, nodes[wet[n, 0]], MOMENTS, 1.0, body[owner[i]])
+        node, i = wet[n, 0], wet[n, 1]
+        q, total = polynomials[i], sums[owner[i]]
+        add_products(q, 0, LINEAR, 1.0, linear_moments[node], total)
+        add_products(q, LINEAR, BENDING, 1.0, bending_moments[node], total)
+
+
+@kernel
+def leaf_heads(q, places, heads):
+    """Heads (LEAF_VERTICES,) [m] of a leaf's vertices, from the polynomial."""
+    for i in range(LEAF_VERTICES):
+        x, y, z = places[i], places[LEAF_VERTICES + i], places[2 * LEAF_VERTICES + i]
+        heads[i] = (
+            q[0]
+            + x * (q[1] + x * (q[4] + x * q[10] + y * q[11] + z * q[12])
+                   + y * (q[5] + y * q[13] + z * q[14]) + z * (q[6] + z * q[15]))
+            + y * (q[2] + y * (q[7] + y * q[16] + z * q[17]) + z * (q[8] + z * q[18]))
+            + z * (q[3] + z * (q[9] + z * q[19]))
+        )  # fmt: skip
 
 
 @njit(inline="always")
-def evaluate_heads(first, count, places, q, heads):
-    """Heads (count,) [m] of a leaf's vertices; returns the set of wet ones as bits."""
-    q0, q1, q2, q3, q4 = q[0], q[1], q[2], q[3], q[4]
-    q5, q6, q7, q8, q9 = q[5], q[6], q[7], q[8], q[9]
-    for i in range(count):
-        x, y, z = places[0, first + i], places[1, first + i], places[2, first + i]
-        heads[i] = (
-            q0
-            + x * (q1 + x * q4 + y * q5 + z * q6)
-            + y * (q2 + y * q7 + z * q8)
-            + z * (q3 + z * q9)
-        )
+def wet_vertices(heads):
+    """The set of wet vertices as bits."""
     wet = 0
-    for i in range(count):
+    for i in range(LEAF_VERTICES):
         wet |= (1 if heads[i] > 0.0 else 0) << i
     return wet
 
 
-@njit(inline="always")
-def odd_corner(a, b, c, ea, eb, ec):
-    """The corners and their heads, turned so that the only wet or the only dry one is first."""
-    wet_a, wet_b, wet_c = ea > 0.0, eb > 0.0, ec > 0.0
-    if wet_b == wet_c:
-        return a, b, c, ea, eb, ec
-    if wet_a == wet_c:
-        return b, c, a, eb, ec, ea
-    return c, a, b, ec, ea, eb
+@njit(cache=True, fastmath={"contract", "reassoc"}, error_model="numpy")
+def wet_share(heads):
+    """Sum of the heads above 0 over that of all heads' sizes: 0 for a dry leaf, 1 for a wet one,
+    and continuous in between. In any order, so that the sums vectorise."""
+    wet, all_ = 0.0, 0.0
+    for i in range(LEAF_VERTICES):
+        wet += max(heads[i], 0.0)
+        all_ += abs(heads[i])
+    return wet / all_
 
 
 @njit(inline="always")
-def add_leaf(first, count, wet, start, end, places, weights, triangles, areas, patch, heads, body):
-    """Add the sum over a leaf's wet vertices, less what the clip takes from cut triangles
-    (start to end); returns the wet part of the area."""
-    cx, cy, cz = patch[0], patch[1], patch[2]
-    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # in registers, unlike body
-    for i in range(count):
-        head, w = max(heads[i], 0.0), weights[first + i]
-        b0, b1, b2 = b0 + head * w[0], b1 + head * w[1], b2 + head * w[2]
-        b3, b4, b5 = b3 + head * w[3], b4 + head * w[4], b5 + head * w[5]
-    wet_area = 0.0
-    for t in range(start, end):
-        corners = triangles[t, 3]
-        if wet & corners == corners:
-            wet_area += areas[t, 3]
-        elif wet & corners != 0:
-            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            ea, eb, ec = heads[a - first], heads[b - first], heads[c - first]
-            a, b, c, ea, eb, ec = odd_corner(a, b, c, ea, eb, ec)
-            share, mx, my, mz = clip_dry_part(
-                places[0, a] + cx, places[1, a] + cy, places[2, a] + cz,
-                places[0, b] + cx, places[1, b] + cy, places[2, b] + cz,
-                places[0, c] + cx, places[1, c] + cy, places[2, c] + cz,
-                ea, eb, ec,
-            )  # fmt: skip
-            sx, sy, sz = areas[t, 0], areas[t, 1], areas[t, 2]
-            tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
-            b0, b1, b2 = b0 - share * sx, b1 - share * sy, b2 - share * sz
-            b3, b4, b5 = b3 - tx, b4 - ty, b5 - tz
-            corner = ea / (ea - eb) * (ea / (ea - ec))
-            wet_area += areas[t, 3] * (corner if ea > 0.0 else 1.0 - corner)
-    add_six(body, b0, b1, b2, b3, b4, b5)
-    return wet_area
+def subtract_dry_part(code, heads, places, patch, body):
+    """Take from the sum over wet vertices what the clip takes of a triangle that is cut."""
+    wet_a = heads[code & 255] > 0.0
+    wet_b, wet_c = heads[code >> 8 & 255] > 0.0, heads[code >> 16 & 255] > 0.0
+    # turned so that the only wet or the only dry corner comes first
+    code >>= 8 * ((wet_b != wet_c) * (1 + (wet_a != wet_c)))
+    a, b, c = code & 255, code >> 8 & 255, code >> 16 & 255
+    y, z = LEAF_VERTICES, 2 * LEAF_VERTICES
+    ax, ay, az = places[a], places[y + a], places[z + a]
+    bx, by, bz = places[b], places[y + b], places[z + b]
+    cx, cy, cz = places[c], places[y + c], places[z + c]
+    sx, sy, sz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
+    px, py, pz = patch[0], patch[1], patch[2]
+    share, mx, my, mz = clip_dry_part(
+        ax + px, ay + py, az + pz, bx + px, by + py, bz + pz, cx + px, cy + py, cz + pz,
+        heads[a], heads[b], heads[c],
+    )  # fmt: skip
+    tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
+    body[0], body[1], body[2] = (
+        body[0] - 0.5 * share * sx, body[1] - 0.5 * share * sy, body[2] - 0.5 * share * sz,
+    )  # fmt: skip
+    body[3], body[4], body[5] = body[3] - 0.5 * tx, body[4] - 0.5 * ty, body[5] - 0.5 * tz
 
 
 @kernel
 def add_opened_leaves(
-    opened, nodes, links, places, weights, triangles, areas, leaves, patches, chosen, owner,
-    polynomials, body,
-):  # fmt: skip
-    """Add the leaves that the waterline may cross to their instances' sums body (H, 6). The
-    quadratic's part beyond linear heads enters in proportion to the wet area."""
-    heads = np.empty(3 * LEAF_TRIANGLES)
+    opened, places, weights, bends, triangles, patches, chosen, owner, polynomials, sums, body
+):
+    """Add the leaves that the waterline may cross to their instances' sums (H, 6 * BENDING) and
+    body (H, 6): over the wet vertices, less what the clip takes from cut triangles, and the
+    polynomial's part beyond linear heads in proportion to the wet share."""
+    heads, above = np.empty(LEAF_VERTICES), np.empty(LEAF_VERTICES)
+    cut = np.empty(LEAF_TRIANGLES, np.int64)
     for n in range(opened.shape[0]):
-        node, i = opened[n, 0], opened[n, 1]
-        link, q, total = links[node], polynomials[i], body[owner[i]]
-        first, count = link[VERTICES], link[VERTICES_END] - link[VERTICES]
-        wet = evaluate_heads(first, count, places, q, heads)
-        if wet == (1 << count) - 1:
-            add_products(q, 0, MONOMIALS, nodes[node], MOMENTS, 1.0, total)
-        elif wet != 0:
-            wet_area = add_leaf(
-                first, count, wet, link[TRIANGLES], link[TRIANGLES_END],
-                places, weights, triangles, areas, patches[chosen[i]], heads, total,
-            )  # fmt: skip
-            leaf = leaves[link[LEAF]]
-            fraction = wet_area / leaf[LEAF_AREA]
-            add_products(q, QUADRATIC, MONOMIALS - QUADRATIC, leaf, 0, fraction, total)
+        leaf, i = opened[n, 0], opened[n, 1]
+        q, total, weight = polynomials[i], sums[owner[i]], weights[leaf]
+        leaf_heads(q, places[leaf], heads)
+        wet = wet_vertices(heads)
+        if wet == 0:
+            continue
+        for j in range(LEAF_VERTICES):
+            above[j] = max(heads[j], 0.0)
+        for k in range(6):
+            for j in range(LEAF_VERTICES):
+                total[BENDING * k + j] += above[j] * weight[LEAF_VERTICES * k + j]
+        add_products(q, LINEAR, BENDING, wet_share(heads), bends[leaf], total)
+        count = 0
+        for t in range(LEAF_TRIANGLES):
+            corners = triangles[leaf, t] >> 40
+            cut[count] = triangles[leaf, t]
+            count += (wet & corners != 0) & (wet & corners != corners)
+        for t in range(count):
+            subtract_dry_part(cut[t], heads, places[leaf], patches[chosen[i]], body[owner[i]])
 
 
 @kernel
 def fleet_wrenches(
-    reals, integers, instances, components, residual, steps, level, amplitude, scale,
+    reals, singles, integers, instances, components, residual, steps, level, amplitude, scale,
     positions, rotations, time, out,
 ):  # fmt: skip
     """Add the wrenches of all instances (H, 4), first patch, end, pose and row, to out (., 6)."""
-    patches, patch_nodes, nodes, links, places, weights, triangles, areas, leaves = unpacked(
-        reals, integers
-    )
+    (
+        patches, nodes, linear_moments, places, weights, bending_moments, bends, patch_nodes,
+        triangles,
+    ) = unpacked(reals, singles, integers)  # fmt: skip
     most = np.sum(instances[:, 1] - instances[:, 0])
     x, y, z = np.empty(most), np.empty(most), np.empty(most)
     owner, chosen = np.empty(most, np.int64), np.empty(most, np.int64)
@@ -465,19 +494,23 @@ def fleet_wrenches(
     owner, chosen = owner[:active], chosen[:active]
     jets = np.empty((JET_ROWS, active))
     solve_jets(x[:active], y[:active], components, time, residual, steps, jets)
-    polynomials = np.empty((active, MONOMIALS))
+    polynomials = np.empty((active, POLYNOMIAL_COLUMNS))
     head_polynomials(jets, z[:active], instances[owner, 2], rotations, polynomials)
     subtree_nodes = np.sum(patch_nodes[chosen, 1] - patch_nodes[chosen, 0])
     wet, opened = np.empty((subtree_nodes, 2), np.int64), np.empty((subtree_nodes, 2), np.int64)
-    counts = walk(patch_nodes, nodes, links, chosen, polynomials, wet, opened)
-    body = np.zeros((instances.shape[0], 6))
-    add_wet_nodes(wet[: counts[0]], nodes, owner, polynomials, body)
+    counts = walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened)
+    body, sums = np.zeros((instances.shape[0], 6)), np.zeros((instances.shape[0], 6 * BENDING))
+    add_wet_nodes(
+        wet[: counts[0]], linear_moments, bending_moments, owner, polynomials, sums
+    )
     add_opened_leaves(
-        opened[: counts[1]], nodes, links, places, weights, triangles, areas, leaves, patches,
-        chosen, owner, polynomials, body,
+        opened[: counts[1]], places, weights, bends, triangles, patches, chosen, owner,
+        polynomials, sums, body,
     )  # fmt: skip
     for i in range(instances.shape[0]):
         pose, row = instances[i, 2], instances[i, 3]
+        for k in range(6):
+            body[i, k] += np.sum(sums[i, BENDING * k : BENDING * (k + 1)])
         if not np.isfinite(np.sum(positions[pose]) + np.sum(rotations[pose])):
             body[i] = np.nan  # else no node would be wet and the hull would seem to be dry
         for j in range(3):
