@@ -36,11 +36,13 @@ ROUND_OFF = 1e-15
 """Relative to the distance from the origin: a residual below this is noise, so a point that far
 out is closed there."""
 
-CHUNK = 256
-"""Points solved together; their scratch (`SCRATCH_ROWS` rows) fits the first-level cache."""
+CHUNK = 248
+"""Points solved together: their scratch (`SCRATCH_ROWS` rows) fits the second-level cache. Not a power
+of two, because rows a power of two apart would fight for the same lines of the first."""
 
 # Columns of the components of a sea, one row a wave (see Sea.components).
 TURNS_X, TURNS_Y, TURNS, FREQUENCY, AMPLITUDE, WAVENUMBER, DIRECTION_X, DIRECTION_Y = range(8)
+COMPONENT_COLUMNS = 8
 
 LANES = 8
 """Chunks are filled up to a multiple of this: what is left of a loop after its vectors would be

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from sim.gerstner import COMPONENT_COLUMNS
 from sim.hull import Hull
 from sim.methods.linear import corner_shares
 from sim.triangle import gauss_rule
@@ -39,6 +40,12 @@ precision: a step waits for memory more than for anything else."""
 
 MONOMIALS = LINEAR + BENDING
 
+# Where a leaf's record has what (see PatchTree.leaf_records).
+WEIGHTS = 3 * LEAF_VERTICES
+BENDS = WEIGHTS + 6 * LEAF_VERTICES
+MIDDLE = BENDS + 36
+RECORD = MIDDLE + 6
+
 # Columns of PatchTree.nodes after the box: a node's numbers are kept as reals so that all a walk
 # needs of it is one line of the cache.
 AFTER, LEAF = 6, 7
@@ -51,11 +58,12 @@ class PatchTree:
     patches: (P, 4), centre and radius; patch_nodes (P, 2), first node and end. Nodes come in
     the order of a walk that opens all: nodes (N, 8), the bounding box's middle from the
     patch's centre, its half sides, the node AFTER the subtree and the number of the LEAF, -1 for
-    other nodes. Their moments by monomial group: linear_moments (N, 6, LINEAR) and bending_moments
-    (N, 6, BENDING). Of the L leaves: places (L, 3, LEAF_VERTICES) of the vertices from the patch's
-    centre and their weights (L, 6, LEAF_VERTICES) as in `linear`, the last ones of no weight;
-    bends (L, 6, BENDING), what the bending coefficients add to the vertex sum when all of the leaf
-    is wet; triangles (L, LEAF_TRIANGLES), as `triangle_codes` has them, 0 for none.
+    other nodes. Their moments by monomial group: linear_moments (N, LINEAR, 6) and bending_moments
+    (N, BENDING, 6). Of the L leaves: places (L, 3, LEAF_VERTICES) of the vertices from the patch's
+    centre and their weights (L, LEAF_VERTICES, 6) as in `linear`, the last ones of no weight;
+    bends (L, 7, 6), what the six quadratic coefficients at the leaf's middle add to the vertex sum
+    when all of the leaf is wet, and that middle; triangles (L, LEAF_TRIANGLES), as
+    `triangle_codes` has them, 0 for none.
     """
 
     patches: Array
@@ -63,10 +71,15 @@ class PatchTree:
     linear_moments: Array
     places: Array
     weights: Array
+    bends: Array
     bending_moments: Singles
-    bends: Singles
     patch_nodes: Integers
     triangles: Integers
+
+    def leaf_records(self) -> Array:
+        """All reals of a leaf in one row (L, .), for the cache's sake: places, weights, bends."""
+        parts = (self.places, self.weights, self.bends)
+        return np.hstack([part.reshape(len(part), -1) for part in parts])
 
 
 def triangle_codes(corners: Integers) -> Integers:
@@ -113,14 +126,29 @@ def monomials(d: Array) -> Array:
 
 
 def triangle_moments(corners: Array, area_vectors: Array, centres: Array) -> Array:
-    """Moments (N, 6, MONOMIALS) of triangles (N, 3, 3), places d taken from centres (N, 3)."""
+    """Moments (N, MONOMIALS, 6) of triangles (N, 3, 3), places d taken from centres (N, 3)."""
     points, weights = gauss_rule(3)  # exact to degree 4: what the torque of a cubic needs
-    moments = np.zeros((len(corners), 6, MONOMIALS))
+    moments = np.zeros((len(corners), MONOMIALS, 6))
     for barycentric, weight in zip(points, weights, strict=True):
         place = np.einsum("c,ncx->nx", barycentric, corners)
         wrench = np.hstack([area_vectors, np.cross(place, area_vectors)])
-        moments += weight * wrench[:, :, None] * monomials(place - centres)[:, None, :]
+        moments += weight * monomials(place - centres)[:, :, None] * wrench[:, None, :]
     return moments
+
+
+def local_quadratic(x: float, y: float, z: float) -> Array:
+    """Matrix (6, BENDING) that takes a polynomial's bending coefficients to the quadratic ones of
+    the same polynomial around the place x, y, z."""
+    return np.array(
+        [
+            [1, 0, 0, 0, 0, 0, 3 * x, y, z, 0, 0, 0, 0, 0, 0, 0],
+            [0, 1, 0, 0, 0, 0, 0, 2 * x, 0, 2 * y, z, 0, 0, 0, 0, 0],
+            [0, 0, 1, 0, 0, 0, 0, 0, 2 * x, 0, y, 2 * z, 0, 0, 0, 0],
+            [0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, 3 * y, z, 0, 0],
+            [0, 0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, 2 * y, 2 * z, 0],
+            [0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, y, 3 * z],
+        ]
+    )
 
 
 class _Builder:
@@ -156,11 +184,11 @@ class _Builder:
         return PatchTree(
             patches=np.array([[*centre, radius] for _, centre, radius in patches]),
             nodes=np.array(self.nodes),
-            linear_moments=moments[:, :, :LINEAR],
+            linear_moments=moments[:, :LINEAR],
             places=places,
             weights=weights,
-            bending_moments=moments[:, :, LINEAR:].astype(np.float32),
-            bends=bends.astype(np.float32),
+            bends=bends,
+            bending_moments=moments[:, LINEAR:].astype(np.float32),
             patch_nodes=np.column_stack([first, [*first[1:], len(self.nodes)]]),
             triangles=triangles,
         )
@@ -187,42 +215,47 @@ class _Builder:
         _, axes = np.linalg.eigh(middles.T @ middles)
         return middles @ axes[:, 2]
 
-    def _grow(self, chosen: Integers, centre: Array) -> None:
-        """Add the node of triangles within a patch and, behind it, its subtree."""
+    def _grow(self, chosen: Integers, centre: Array) -> Array:
+        """Add the node of triangles within a patch and, behind it, its subtree; returns its
+        moments (MONOMIALS, 6)."""
         node = len(self.nodes)
         points = self.corners[chosen].reshape(-1, 3) - centre
         low, high = points.min(axis=0), points.max(axis=0)
-        moments = self.moments[chosen].sum(axis=0)
-        self.nodes.append([*(0.5 * (low + high)), *(0.5 * (high - low)), 0.0, -1.0])
-        self.node_moments.append(moments)
+        middle = 0.5 * (low + high)
+        self.nodes.append([*middle, *(0.5 * (high - low)), 0.0, -1.0])
+        self.node_moments.append(np.zeros(0))
         vertices, which = np.unique(self.numbers[chosen], return_inverse=True)
         if len(chosen) <= LEAF_TRIANGLES and len(vertices) <= LEAF_VERTICES:
             self.nodes[node][LEAF] = len(self.leaves)
-            self._add_leaf(chosen, vertices, which.reshape(-1, 3), moments, centre)
+            moments = self._add_leaf(chosen, vertices, which.reshape(-1, 3), middle, centre)
         else:
             order = np.argsort(self._along(chosen), kind="stable")
             leaves = max(2, -(-len(chosen) // LEAF_TRIANGLES))
-            near = order[: len(chosen) * (leaves // 2) // leaves]  # so that leaves become full
-            chosen_near = np.zeros(len(chosen), dtype=bool)
-            chosen_near[near] = True
-            self._grow(chosen[chosen_near], centre)
-            self._grow(chosen[~chosen_near], centre)
+            near = len(chosen) * (leaves // 2) // leaves  # so that leaves become full
+            moments = self._grow(chosen[np.sort(order[:near])], centre)
+            moments = moments + self._grow(chosen[np.sort(order[near:])], centre)
         self.nodes[node][AFTER] = len(self.nodes)
+        self.node_moments[node] = moments
+        return moments
 
     def _add_leaf(
-        self, chosen: Integers, vertices: Integers, which: Integers, moments: Array, centre: Array
-    ) -> None:
-        """Add a leaf of triangles whose corners are the vertices `which` (N, 3)."""
+        self, chosen: Integers, vertices: Integers, which: Integers, middle: Array, centre: Array
+    ) -> Array:
+        """Add a leaf of triangles whose corners are the vertices `which` (N, 3); returns its
+        moments: exact up to second order, of the third what `local_quadratic` has."""
         count = len(vertices)
         weights = np.zeros((LEAF_VERTICES, 6))
         np.add.at(weights, which.ravel(), self.shares[chosen].reshape(-1, 6))
         places = np.empty((LEAF_VERTICES, 3))
         places[:count] = self.points[vertices] - centre
         places[count:] = places[0]
-        bends = (moments - weights.T @ monomials(places))[:, LINEAR:]
+        moments = monomials(places).T @ weights
+        bends = (self.moments[chosen].sum(axis=0) - moments)[LINEAR : LINEAR + 6]
+        moments[LINEAR:] += local_quadratic(*middle).T @ bends
         triangles = np.zeros(LEAF_TRIANGLES, dtype=np.int64)
         triangles[: len(chosen)] = triangle_codes(which)
-        self.leaves.append((places.T, weights.T, bends, triangles))
+        self.leaves.append((places.T, weights, np.vstack([bends, [*middle, 0, 0, 0]]), triangles))
+        return moments
 
 
 def joined(trees: Sequence[PatchTree]) -> PatchTree:
@@ -242,15 +275,25 @@ def joined(trees: Sequence[PatchTree]) -> PatchTree:
     return PatchTree(**{name: np.concatenate(blocks) for name, blocks in arrays.items()})
 
 
-def packed(tree: PatchTree) -> tuple[Array, Singles, Integers]:
-    """All arrays of a tree in three: each array handed to a kernel costs a tenth of a
-    microsecond."""
-    sizes = np.array([len(array) for array in (tree.patches, tree.nodes, tree.places)])
-    reals = (tree.nodes, tree.linear_moments, tree.places, tree.weights, tree.patches)
-    singles = (tree.bending_moments, tree.bends)
-    integers = (sizes, tree.patch_nodes, tree.triangles)
-    return tuple(
-        np.concatenate([array.ravel() for array in group]) for group in (reals, singles, integers)
+def packed(
+    tree: PatchTree,
+    instances: Integers,
+    components: Array,
+    steps: int,
+    residual: float,
+    amplitude: float,
+    scale: float,
+) -> tuple[Array, Singles, Integers]:
+    """All that a step needs of a tree, its instances (H, 4) and the sea in three arrays: each
+    argument handed to a kernel costs a tenth of a microsecond."""
+    counts = [len(a) for a in (tree.patches, tree.nodes, tree.places, instances, components)]
+    setting = np.array([residual, amplitude, scale])
+    reals = (setting, components, tree.nodes, tree.linear_moments, tree.leaf_records(), tree.patches)
+    integers = (np.array([*counts, steps]), instances, tree.patch_nodes, tree.triangles)
+    return (
+        np.concatenate([array.ravel() for array in reals]),
+        tree.bending_moments.ravel(),
+        np.concatenate([array.ravel() for array in integers]),
     )
 
 
@@ -261,19 +304,22 @@ def _block(array, start, rows, columns):
 
 
 @njit(inline="always")
+def unpacked_setting(reals, integers):
+    """Newton steps, residual, amplitude, scale, components and instances from `packed`."""
+    components, _ = _block(reals, 3, integers[4], COMPONENT_COLUMNS)
+    instances, _ = _block(integers, 6, integers[3], 4)
+    return integers[5], reals[0], reals[1], reals[2], components, instances
+
+
+@njit(inline="always")
 def unpacked(reals, singles, integers):
-    """The arrays of PatchTree, in its order, from those of `packed`; a row for each node or leaf."""
+    """The arrays of PatchTree from those of `packed`, a row for each patch, node or leaf."""
     p, n, leaves = integers[0], integers[1], integers[2]
-    nodes, at = _block(reals, 0, n, 8)
+    nodes, at = _block(reals, 3 + COMPONENT_COLUMNS * integers[4], n, 8)
     linear_moments, at = _block(reals, at, n, 6 * LINEAR)
-    places, at = _block(reals, at, leaves, 3 * LEAF_VERTICES)
-    weights, at = _block(reals, at, leaves, 6 * LEAF_VERTICES)
+    records, at = _block(reals, at, leaves, RECORD)
     patches, at = _block(reals, at, p, 4)
     bending_moments, at = _block(singles, 0, n, 6 * BENDING)
-    bends, at = _block(singles, at, leaves, 6 * BENDING)
-    patch_nodes, at = _block(integers, 3, p, 2)
+    patch_nodes, at = _block(integers, 6 + 4 * integers[3], p, 2)
     triangles, at = _block(integers, at, leaves, LEAF_TRIANGLES)
-    return (
-        patches, nodes, linear_moments, places, weights, bending_moments, bends, patch_nodes,
-        triangles,
-    )  # fmt: skip
+    return patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles

@@ -61,15 +61,19 @@ from sim.methods.linear import placed
 from sim.methods.patch_tree import (
     AFTER,
     BENDING,
+    BENDS,
     LEAF,
     LEAF_TRIANGLES,
     LEAF_VERTICES,
     LINEAR,
+    MIDDLE,
     MONOMIALS,
+    WEIGHTS,
     build_tree,
     joined,
     packed,
     unpacked,
+    unpacked_setting,
 )
 from sim.sea import Sea
 from sim.triangle import clip_dry_part, cross
@@ -146,42 +150,30 @@ class PatchFleet:
     def __init__(
         self, methods: Sequence[Patches], poses: Sequence[int], rows: Sequence[int]
     ) -> None:
-        self._sea = sea = methods[0].sea
+        sea = methods[0].sea
         if any(method.sea is not sea for method in methods):
             raise ValueError("the hulls of a fleet float in one sea; make a fleet for each sea")
         trees = list({id(method.tree): method.tree for method in methods}.values())
         first = np.cumsum([0] + [len(tree.patches) for tree in trees])
         which = [next(i for i, t in enumerate(trees) if t is m.tree) for m in methods]
-        self._instances = np.array(
+        instances = np.array(
             [
                 [first[w], first[w + 1], pose, row]
                 for w, pose, row in zip(which, poses, rows, strict=True)
             ]
         )
-        self._reals, self._singles, self._integers = packed(joined(trees))
-        self._residual = CARRY * min(float(tree.patches[:, 3].min()) for tree in trees)
-        self._steps = jet_steps(sea, self._residual)
+        residual = CARRY * min(float(tree.patches[:, 3].min()) for tree in trees)
+        steps = jet_steps(sea, residual)
+        scale = -sea.density * sea.gravity
+        self._level = sea.level
+        self._packed = packed(
+            joined(trees), instances, sea.components, steps, residual, sea.amplitude, scale
+        )
 
     def add_wrenches(self, positions: Array, rotations: Array, time: float, out: Array) -> None:
         """Add each hull's wrench, as of `Patches.wrench`, to its row of out (., 6), for its pose
         among positions (., 3) [m] and rotations (., 9)."""
-        sea = self._sea
-        fleet_wrenches(
-            self._reals,
-            self._singles,
-            self._integers,
-            self._instances,
-            sea.components,
-            self._residual,
-            self._steps,
-            sea.level,
-            sea.amplitude,
-            -sea.density * sea.gravity,
-            positions,
-            rotations,
-            time,
-            out,
-        )
+        fleet_wrenches(*self._packed, positions, rotations, self._level, time, out)
 
 
 def patch_radius(sea: Sea, tolerance: float, largest: float) -> float:
@@ -260,30 +252,32 @@ def jet_steps(sea: Sea, residual: float) -> int:
 
 @kernel
 def reachable_patches(
-    patches, instances, level, amplitude, positions, rotations, x, y, z, owner, chosen
+    patches, patch_nodes, instances, level, amplitude, positions, rotations, places, chosen
 ):
-    """Centres in the world, heights above the level, instances and numbers of all patches that
-    the highest crest could reach; returns how many."""
-    active = 0
+    """Of all patches that the highest crest could reach: centres in the world, the third
+    coordinate above the level, into places (3, .), and chosen (., 3): patch, instance and pose.
+    Returns how many, and how many nodes they have."""
+    active, nodes = 0, 0
     for i in range(instances.shape[0]):
-        position = positions[instances[i, 2]]
-        rotation = rotations[instances[i, 2]].reshape(3, 3)
+        pose = instances[i, 2]
+        position, rotation = positions[pose], rotations[pose].reshape(3, 3)
         for p in range(instances[i, 0], instances[i, 1]):
-            x[active], y[active], height = placed(patches[p], position, rotation)
-            z[active] = height - level
-            owner[active] = i
-            chosen[active] = p
-            active += not z[active] > amplitude + patches[p, 3]
-    return active
+            x, y, z = placed(patches[p], position, rotation)
+            places[0, active], places[1, active], places[2, active] = x, y, z - level
+            chosen[active, 0], chosen[active, 1], chosen[active, 2] = p, i, pose
+            if not z - level > amplitude + patches[p, 3]:
+                active += 1
+                nodes += patch_nodes[p, 1] - patch_nodes[p, 0]
+    return active, nodes
 
 
 @kernel
-def head_polynomials(jets, z, rows, rotations, polynomials):
+def head_polynomials(jets, z, poses, rotations, polynomials):
     """Coefficients and bounds (N, POLYNOMIAL_COLUMNS) in the body frame of the heads around places
-    at heights z [m] above the level, from their jets; rows: of the rotations (., 9), body -> world.
-    """
+    at heights z [m] above the level, from their jets; poses: rows of the rotations (., 9), body ->
+    world."""
     for i in range(z.size):
-        r, q = rotations[rows[i]], polynomials[i]
+        r, q = rotations[poses[i]], polynomials[i]
         gx, gy = jets[JET_X, i], jets[JET_Y, i]
         ax, ay, az, bx, by, bz = r[0], r[1], r[2], r[3], r[4], r[5]
         q[0] = jets[JET_HEIGHT, i] - z[i]
@@ -340,11 +334,11 @@ def walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened):
     of the leaves that the waterline may cross, into wet (., 2) and opened (., 2); returns
     how many of each."""
     wet_count, opened_count = 0, 0
-    for i in range(chosen.size):
-        q = polynomials[i]
+    for i in range(chosen.shape[0]):
+        q, patch = polynomials[i], chosen[i, 0]
         # in the patch a place is at most 2 radii from a box's middle, and that 1 from the centre
-        bend = q[BOUND_2] + (3.0 + 2.0) * patches[chosen[i], 3] * q[BOUND_3]
-        node, end = patch_nodes[chosen[i], 0], patch_nodes[chosen[i], 1]
+        bend = q[BOUND_2] + (3.0 + 2.0) * patches[patch, 3] * q[BOUND_3]
+        node, end = patch_nodes[patch, 0], patch_nodes[patch, 1]
         while node < end:
             box = nodes[node]
             u, v, w = box[3], box[4], box[5]
@@ -365,22 +359,41 @@ def walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened):
 
 
 @njit(inline="always")
-def add_products(q, first, count, factor, block, sums):
-    """Add factor * q[first : first + count] times a block (6 * count,), lane by lane, to the sums
-    (6 * BENDING,): that way nothing has to be added up across a vector."""
-    for k in range(6):
-        for m in range(count):
-            sums[BENDING * k + m] += factor * q[first + m] * block[count * k + m]
+def add_products(factors, first, count, row, column, body):
+    """Add a vector's dot product with the (count, 6) block of a row that begins at a column."""
+    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # in registers, unlike body
+    for k in range(count):
+        c, j = factors[first + k], column + 6 * k
+        b0, b1, b2 = b0 + c * row[j], b1 + c * row[j + 1], b2 + c * row[j + 2]
+        b3, b4, b5 = b3 + c * row[j + 3], b4 + c * row[j + 4], b5 + c * row[j + 5]
+    add_six(body, b0, b1, b2, b3, b4, b5)
+
+
+@njit(inline="always")
+def add_six(body, b0, b1, b2, b3, b4, b5):
+    body[0], body[1], body[2] = body[0] + b0, body[1] + b1, body[2] + b2
+    body[3], body[4], body[5] = body[3] + b3, body[4] + b4, body[5] + b5
 
 
 @kernel
-def add_wet_nodes(wet, linear_moments, bending_moments, owner, polynomials, sums):
-    """Add the moments of the surely wet nodes to their instances' sums (H, 6 * BENDING)."""
+def add_wet_nodes(wet, linear_moments, bending_moments, chosen, polynomials, body):
+    """Add the moments of the surely wet nodes to their instances' sums body (H, 6)."""
     for n in range(wet.shape[0]):
         node, i = wet[n, 0], wet[n, 1]
-        q, total = polynomials[i], sums[owner[i]]
-        add_products(q, 0, LINEAR, 1.0, linear_moments[node], total)
-        add_products(q, LINEAR, BENDING, 1.0, bending_moments[node], total)
+        q, total = polynomials[i], body[chosen[i, 1]]
+        add_products(q, 0, LINEAR, linear_moments[node], 0, total)
+        add_products(q, LINEAR, BENDING, bending_moments[node], 0, total)
+
+
+@njit(inline="always")
+def bend_at(q, x, y, z, factor, bend):
+    """The quadratic coefficients (6,) around a place, times a factor."""
+    bend[0] = factor * (q[4] + 3.0 * x * q[10] + y * q[11] + z * q[12])
+    bend[1] = factor * (q[5] + 2.0 * x * q[11] + 2.0 * y * q[13] + z * q[14])
+    bend[2] = factor * (q[6] + 2.0 * x * q[12] + y * q[14] + 2.0 * z * q[15])
+    bend[3] = factor * (q[7] + x * q[13] + 3.0 * y * q[16] + z * q[17])
+    bend[4] = factor * (q[8] + x * q[14] + 2.0 * y * q[17] + 2.0 * z * q[18])
+    bend[5] = factor * (q[9] + x * q[15] + y * q[18] + 3.0 * z * q[19])
 
 
 @kernel
@@ -417,104 +430,102 @@ def wet_share(heads):
     return wet / all_
 
 
-@njit(inline="always")
-def subtract_dry_part(code, heads, places, patch, body):
-    """Take from the sum over wet vertices what the clip takes of a triangle that is cut."""
-    wet_a = heads[code & 255] > 0.0
-    wet_b, wet_c = heads[code >> 8 & 255] > 0.0, heads[code >> 16 & 255] > 0.0
-    # turned so that the only wet or the only dry corner comes first
-    code >>= 8 * ((wet_b != wet_c) * (1 + (wet_a != wet_c)))
-    a, b, c = code & 255, code >> 8 & 255, code >> 16 & 255
-    y, z = LEAF_VERTICES, 2 * LEAF_VERTICES
-    ax, ay, az = places[a], places[y + a], places[z + a]
-    bx, by, bz = places[b], places[y + b], places[z + b]
-    cx, cy, cz = places[c], places[y + c], places[z + c]
-    sx, sy, sz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
-    px, py, pz = patch[0], patch[1], patch[2]
-    share, mx, my, mz = clip_dry_part(
-        ax + px, ay + py, az + pz, bx + px, by + py, bz + pz, cx + px, cy + py, cz + pz,
-        heads[a], heads[b], heads[c],
-    )  # fmt: skip
-    tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
-    body[0], body[1], body[2] = (
-        body[0] - 0.5 * share * sx, body[1] - 0.5 * share * sy, body[2] - 0.5 * share * sz,
-    )  # fmt: skip
-    body[3], body[4], body[5] = body[3] - 0.5 * tx, body[4] - 0.5 * ty, body[5] - 0.5 * tz
-
-
 @kernel
-def add_opened_leaves(
-    opened, places, weights, bends, triangles, patches, chosen, owner, polynomials, sums, body
-):
-    """Add the leaves that the waterline may cross to their instances' sums (H, 6 * BENDING) and
-    body (H, 6): over the wet vertices, less what the clip takes from cut triangles, and the
-    polynomial's part beyond linear heads in proportion to the wet share."""
-    heads, above = np.empty(LEAF_VERTICES), np.empty(LEAF_VERTICES)
-    cut = np.empty(LEAF_TRIANGLES, np.int64)
+def add_opened_leaves(opened, records, triangles, chosen, polynomials, heads, cut, body):
+    """Add the leaves that the waterline may cross to their instances' sums body (H, 6), as if
+    their triangles reached down to the last wet vertex: over the wet vertices, and the polynomial's
+    part beyond linear heads in proportion to the wet share. Leaves the heads (., LEAF_VERTICES) and
+    cut (., 2), codes of the triangles that the waterline cuts and the places of their leaves in
+    `opened`; returns how many."""
+    count = 0
+    above, bend = np.empty(LEAF_VERTICES), np.empty(6)
     for n in range(opened.shape[0]):
         leaf, i = opened[n, 0], opened[n, 1]
-        q, total, weight = polynomials[i], sums[owner[i]], weights[leaf]
-        leaf_heads(q, places[leaf], heads)
-        wet = wet_vertices(heads)
+        q, total, record = polynomials[i], body[chosen[i, 1]], records[leaf]
+        leaf_heads(q, record, heads[n])
+        wet = wet_vertices(heads[n])
         if wet == 0:
             continue
         for j in range(LEAF_VERTICES):
-            above[j] = max(heads[j], 0.0)
-        for k in range(6):
-            for j in range(LEAF_VERTICES):
-                total[BENDING * k + j] += above[j] * weight[LEAF_VERTICES * k + j]
-        add_products(q, LINEAR, BENDING, wet_share(heads), bends[leaf], total)
-        count = 0
+            above[j] = max(heads[n, j], 0.0)
+        add_products(above, 0, LEAF_VERTICES, record, WEIGHTS, total)
+        x, y, z = record[MIDDLE], record[MIDDLE + 1], record[MIDDLE + 2]
+        bend_at(q, x, y, z, wet_share(heads[n]), bend)
+        add_products(bend, 0, 6, record, BENDS, total)
         for t in range(LEAF_TRIANGLES):
+            cut[count, 0], cut[count, 1] = triangles[leaf, t], n
             corners = triangles[leaf, t] >> 40
-            cut[count] = triangles[leaf, t]
             count += (wet & corners != 0) & (wet & corners != corners)
-        for t in range(count):
-            subtract_dry_part(cut[t], heads, places[leaf], patches[chosen[i]], body[owner[i]])
+    return count
 
 
 @kernel
-def fleet_wrenches(
-    reals, singles, integers, instances, components, residual, steps, level, amplitude, scale,
-    positions, rotations, time, out,
-):  # fmt: skip
-    """Add the wrenches of all instances (H, 4), first patch, end, pose and row, to out (., 6)."""
-    (
-        patches, nodes, linear_moments, places, weights, bending_moments, bends, patch_nodes,
-        triangles,
-    ) = unpacked(reals, singles, integers)  # fmt: skip
+def subtract_dry_parts(cut, opened, records, heads, patches, chosen, body):
+    """Take from the sums over wet vertices what the clip takes of the triangles that are cut. A
+    loop of their own, because nothing in it depends on which they are."""
+    for n in range(cut.shape[0]):
+        code, leaf, i = cut[n, 0], opened[cut[n, 1], 0], opened[cut[n, 1], 1]
+        head, d, patch, total = heads[cut[n, 1]], records[leaf], patches[chosen[i, 0]], body[chosen[i, 1]]
+        wet_a = head[code & 255] > 0.0
+        wet_b, wet_c = head[code >> 8 & 255] > 0.0, head[code >> 16 & 255] > 0.0
+        # turned so that the only wet or the only dry corner comes first
+        code >>= 8 * ((wet_b != wet_c) * (1 + (wet_a != wet_c)))
+        a, b, c = code & 255, code >> 8 & 255, code >> 16 & 255
+        y, z = LEAF_VERTICES, 2 * LEAF_VERTICES
+        ax, ay, az = d[a], d[y + a], d[z + a]
+        bx, by, bz = d[b], d[y + b], d[z + b]
+        cx, cy, cz = d[c], d[y + c], d[z + c]
+        sx, sy, sz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
+        px, py, pz = patch[0], patch[1], patch[2]
+        share, mx, my, mz = clip_dry_part(
+            ax + px, ay + py, az + pz, bx + px, by + py, bz + pz, cx + px, cy + py, cz + pz,
+            head[a], head[b], head[c],
+        )  # fmt: skip
+        tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
+        add_six(
+            total, -0.5 * share * sx, -0.5 * share * sy, -0.5 * share * sz,
+            -0.5 * tx, -0.5 * ty, -0.5 * tz,
+        )  # fmt: skip
+
+
+@kernel
+def fleet_wrenches(reals, singles, integers, positions, rotations, level, time, out):
+    """Add the wrenches of all instances of a packed fleet to out (., 6)."""
+    steps, residual, amplitude, scale, components, instances = unpacked_setting(reals, integers)
+    patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles = unpacked(
+        reals, singles, integers
+    )
     most = np.sum(instances[:, 1] - instances[:, 0])
-    x, y, z = np.empty(most), np.empty(most), np.empty(most)
-    owner, chosen = np.empty(most, np.int64), np.empty(most, np.int64)
-    active = reachable_patches(
-        patches, instances, level, amplitude, positions, rotations, x, y, z, owner, chosen
+    places, chosen = np.empty((3, most + 1)), np.empty((most + 1, 3), np.int64)
+    active, most_nodes = reachable_patches(
+        patches, patch_nodes, instances, level, amplitude, positions, rotations, places, chosen
     )
     if active == 0:
         return
-    owner, chosen = owner[:active], chosen[:active]
-    jets = np.empty((JET_ROWS, active))
-    solve_jets(x[:active], y[:active], components, time, residual, steps, jets)
-    polynomials = np.empty((active, POLYNOMIAL_COLUMNS))
-    head_polynomials(jets, z[:active], instances[owner, 2], rotations, polynomials)
-    subtree_nodes = np.sum(patch_nodes[chosen, 1] - patch_nodes[chosen, 0])
-    wet, opened = np.empty((subtree_nodes, 2), np.int64), np.empty((subtree_nodes, 2), np.int64)
-    counts = walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened)
-    body, sums = np.zeros((instances.shape[0], 6)), np.zeros((instances.shape[0], 6 * BENDING))
-    add_wet_nodes(
-        wet[: counts[0]], linear_moments, bending_moments, owner, polynomials, sums
+    chosen = chosen[:active]
+    jets, polynomials = np.empty((JET_ROWS, active)), np.empty((active, POLYNOMIAL_COLUMNS))
+    solve_jets(places[0, :active], places[1, :active], components, time, residual, steps, jets)
+    head_polynomials(jets, places[2, :active], chosen[:, 2], rotations, polynomials)
+    wet, opened = np.empty((most_nodes, 2), np.int64), np.empty((most_nodes, 2), np.int64)
+    wet_count, count = walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened)
+    body = np.zeros((instances.shape[0], 6))
+    add_wet_nodes(wet[:wet_count], linear_moments, bending_moments, chosen, polynomials, body)
+    heads, cut = np.empty((count, LEAF_VERTICES)), np.empty((count * LEAF_TRIANGLES + 1, 2), np.int64)
+    cut_count = add_opened_leaves(
+        opened[:count], records, triangles, chosen, polynomials, heads, cut, body
     )
-    add_opened_leaves(
-        opened[: counts[1]], places, weights, bends, triangles, patches, chosen, owner,
-        polynomials, sums, body,
-    )  # fmt: skip
+    subtract_dry_parts(cut[:cut_count], opened, records, heads, patches, chosen, body)
     for i in range(instances.shape[0]):
-        pose, row = instances[i, 2], instances[i, 3]
-        for k in range(6):
-            body[i, k] += np.sum(sums[i, BENDING * k : BENDING * (k + 1)])
-        if not np.isfinite(np.sum(positions[pose]) + np.sum(rotations[pose])):
-            body[i] = np.nan  # else no node would be wet and the hull would seem to be dry
-        for j in range(3):
-            for k in range(3):
-                factor = scale * rotations[pose, 3 * j + k]
-                out[row, j] += factor * body[i, k]
-                out[row, 3 + j] += factor * body[i, 3 + k]
+        add_turned(body[i], positions[instances[i, 2]], rotations[instances[i, 2]], scale, out[instances[i, 3]])
+
+
+@njit(inline="always")
+def add_turned(body, position, rotation, scale, row):
+    """Add an instance's sums (6,), turned into the world and scaled, to a row of the wrenches."""
+    if not np.isfinite(np.sum(position) + np.sum(rotation)):
+        scale = np.nan  # else no node would be wet and the hull would seem to be dry
+    for j in range(3):
+        for k in range(3):
+            factor = scale * rotation[3 * j + k]
+            row[j] += factor * body[k]
+            row[3 + j] += factor * body[3 + k]
