@@ -40,11 +40,14 @@ precision: a step waits for memory more than for anything else."""
 
 MONOMIALS = LINEAR + BENDING
 
+QUADRATICS = 8
+"""The six quadratic coefficients and two zeros, which make them a vector."""
+
 # Where a leaf's record has what (see PatchTree.leaf_records).
 WEIGHTS = 3 * LEAF_VERTICES
 BENDS = WEIGHTS + 6 * LEAF_VERTICES
-MIDDLE = BENDS + 36
-RECORD = MIDDLE + 6
+MIDDLE = BENDS + 6 * QUADRATICS
+RECORD = MIDDLE + 3
 
 # Columns of PatchTree.nodes after the box: a node's numbers are kept as reals so that all a walk
 # needs of it is one line of the cache.
@@ -58,12 +61,12 @@ class PatchTree:
     patches: (P, 4), centre and radius; patch_nodes (P, 2), first node and end. Nodes come in
     the order of a walk that opens all: nodes (N, 8), the bounding box's middle from the
     patch's centre, its half sides, the node AFTER the subtree and the number of the LEAF, -1 for
-    other nodes. Their moments by monomial group: linear_moments (N, LINEAR, 6) and bending_moments
-    (N, BENDING, 6). Of the L leaves: places (L, 3, LEAF_VERTICES) of the vertices from the patch's
-    centre and their weights (L, LEAF_VERTICES, 6) as in `linear`, the last ones of no weight;
-    bends (L, 7, 6), what the six quadratic coefficients at the leaf's middle add to the vertex sum
-    when all of the leaf is wet, and that middle; triangles (L, LEAF_TRIANGLES), as
-    `triangle_codes` has them, 0 for none.
+    other nodes. Their moments by monomial group: linear_moments (N, 6, LINEAR) and bending_moments
+    (N, 6, BENDING). Of the L leaves: places (L, 3, LEAF_VERTICES) of the vertices from the patch's
+    centre and their weights (L, 6, LEAF_VERTICES) as in `linear`, the last ones of no weight;
+    bends (L, 6, QUADRATICS), what the quadratic coefficients at the leaf's middle (L, 3) add to the
+    vertex sum when all of the leaf is wet; triangles (L, LEAF_TRIANGLES), as `triangle_codes`
+    has them, 0 for none.
     """
 
     patches: Array
@@ -72,13 +75,14 @@ class PatchTree:
     places: Array
     weights: Array
     bends: Array
+    middles: Array
     bending_moments: Singles
     patch_nodes: Integers
     triangles: Integers
 
     def leaf_records(self) -> Array:
-        """All reals of a leaf in one row (L, .), for the cache's sake: places, weights, bends."""
-        parts = (self.places, self.weights, self.bends)
+        """All reals of a leaf in one row (L, RECORD), for the cache's sake."""
+        parts = (self.places, self.weights, self.bends, self.middles)
         return np.hstack([part.reshape(len(part), -1) for part in parts])
 
 
@@ -126,13 +130,13 @@ def monomials(d: Array) -> Array:
 
 
 def triangle_moments(corners: Array, area_vectors: Array, centres: Array) -> Array:
-    """Moments (N, MONOMIALS, 6) of triangles (N, 3, 3), places d taken from centres (N, 3)."""
+    """Moments (N, 6, MONOMIALS) of triangles (N, 3, 3), places d taken from centres (N, 3)."""
     points, weights = gauss_rule(3)  # exact to degree 4: what the torque of a cubic needs
-    moments = np.zeros((len(corners), MONOMIALS, 6))
+    moments = np.zeros((len(corners), 6, MONOMIALS))
     for barycentric, weight in zip(points, weights, strict=True):
         place = np.einsum("c,ncx->nx", barycentric, corners)
         wrench = np.hstack([area_vectors, np.cross(place, area_vectors)])
-        moments += weight * monomials(place - centres)[:, :, None] * wrench[:, None, :]
+        moments += weight * wrench[:, :, None] * monomials(place - centres)[:, None, :]
     return moments
 
 
@@ -167,7 +171,7 @@ class _Builder:
         self.numbers = numbers.reshape(-1, 3)
         self.nodes: list[list[float]] = []
         self.node_moments: list[Array] = []
-        self.leaves: list[tuple[Array, Array, Array, Integers]] = []
+        self.leaves: list[tuple[Array, Array, Array, Array, Integers]] = []
 
     def tree(self) -> PatchTree:
         patches = list(self._patches(np.arange(len(self.corners))))
@@ -180,15 +184,16 @@ class _Builder:
             first.append(len(self.nodes))
             self._grow(chosen, centre)
         moments = np.array(self.node_moments)
-        places, weights, bends, triangles = map(np.array, zip(*self.leaves, strict=True))
+        places, weights, bends, middles, triangles = map(np.array, zip(*self.leaves, strict=True))
         return PatchTree(
             patches=np.array([[*centre, radius] for _, centre, radius in patches]),
             nodes=np.array(self.nodes),
-            linear_moments=moments[:, :LINEAR],
+            linear_moments=moments[:, :, :LINEAR],
             places=places,
             weights=weights,
             bends=bends,
-            bending_moments=moments[:, LINEAR:].astype(np.float32),
+            middles=middles,
+            bending_moments=moments[:, :, LINEAR:].astype(np.float32),
             patch_nodes=np.column_stack([first, [*first[1:], len(self.nodes)]]),
             triangles=triangles,
         )
@@ -217,7 +222,7 @@ class _Builder:
 
     def _grow(self, chosen: Integers, centre: Array) -> Array:
         """Add the node of triangles within a patch and, behind it, its subtree; returns its
-        moments (MONOMIALS, 6)."""
+        moments (6, MONOMIALS)."""
         node = len(self.nodes)
         points = self.corners[chosen].reshape(-1, 3) - centre
         low, high = points.min(axis=0), points.max(axis=0)
@@ -249,12 +254,13 @@ class _Builder:
         places = np.empty((LEAF_VERTICES, 3))
         places[:count] = self.points[vertices] - centre
         places[count:] = places[0]
-        moments = monomials(places).T @ weights
-        bends = (self.moments[chosen].sum(axis=0) - moments)[LINEAR : LINEAR + 6]
-        moments[LINEAR:] += local_quadratic(*middle).T @ bends
+        moments = weights.T @ monomials(places)
+        bends = np.zeros((6, QUADRATICS))
+        bends[:, :6] = (self.moments[chosen].sum(axis=0) - moments)[:, LINEAR : LINEAR + 6]
+        moments[:, LINEAR:] += bends[:, :6] @ local_quadratic(*middle)
         triangles = np.zeros(LEAF_TRIANGLES, dtype=np.int64)
         triangles[: len(chosen)] = triangle_codes(which)
-        self.leaves.append((places.T, weights, np.vstack([bends, [*middle, 0, 0, 0]]), triangles))
+        self.leaves.append((places.T, weights.T, bends, middle, triangles))
         return moments
 
 

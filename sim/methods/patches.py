@@ -68,6 +68,7 @@ from sim.methods.patch_tree import (
     LINEAR,
     MIDDLE,
     MONOMIALS,
+    QUADRATICS,
     WEIGHTS,
     build_tree,
     joined,
@@ -94,6 +95,9 @@ SAFETY = 1.5
 CARRY = 0.05
 """A jet may come from a particle so many radii away from the patch's centre: the solve for it then
 ends early, and patches are by that much smaller."""
+
+# A kernel whose sums the compiler may reorder, which is what it takes to vectorise them.
+summing = njit(cache=True, fastmath={"contract", "reassoc"}, error_model="numpy")
 
 # What a polynomial has behind its coefficients: bounds on its second and third order terms over
 # the second and third power of the distance.
@@ -133,11 +137,9 @@ class Patches:
         position: (3,) [m], the hull frame's origin in the world; rotation: (3, 3) or (9,),
         hull -> world; time [s].
         """
-        position = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
-        rotation = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
-        out = np.zeros((1, 6))
-        self._fleet.add_wrenches(position, rotation, float(time), out)
-        return out[0]
+        position = np.ascontiguousarray(position, dtype=float)
+        rotation = np.ascontiguousarray(rotation, dtype=float)
+        return hull_wrench(*self._fleet.packed, position, rotation, self.sea.level, float(time))
 
 
 class PatchFleet:
@@ -162,18 +164,18 @@ class PatchFleet:
                 for w, pose, row in zip(which, poses, rows, strict=True)
             ]
         )
-        residual = CARRY * min(float(tree.patches[:, 3].min()) for tree in trees)
+        residual = CARRY * min(float(tree.patches[:, 3].max()) for tree in trees)
         steps = jet_steps(sea, residual)
         scale = -sea.density * sea.gravity
         self._level = sea.level
-        self._packed = packed(
+        self.packed = packed(
             joined(trees), instances, sea.components, steps, residual, sea.amplitude, scale
         )
 
     def add_wrenches(self, positions: Array, rotations: Array, time: float, out: Array) -> None:
         """Add each hull's wrench, as of `Patches.wrench`, to its row of out (., 6), for its pose
         among positions (., 3) [m] and rotations (., 9)."""
-        fleet_wrenches(*self._packed, positions, rotations, self._level, time, out)
+        fleet_wrenches(*self.packed, positions, rotations, self._level, time, out)
 
 
 def patch_radius(sea: Sea, tolerance: float, largest: float) -> float:
@@ -360,12 +362,13 @@ def walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened):
 
 @njit(inline="always")
 def add_products(factors, first, count, row, column, body):
-    """Add a vector's dot product with the (count, 6) block of a row that begins at a column."""
+    """Add the products of a (6, count) block of a row, from a column on, with a vector's part."""
     b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # in registers, unlike body
-    for k in range(count):
-        c, j = factors[first + k], column + 6 * k
-        b0, b1, b2 = b0 + c * row[j], b1 + c * row[j + 1], b2 + c * row[j + 2]
-        b3, b4, b5 = b3 + c * row[j + 3], b4 + c * row[j + 4], b5 + c * row[j + 5]
+    for i in range(count):
+        f, j = factors[first + i], column + i
+        b0, b1, b2 = b0 + f * row[j], b1 + f * row[j + count], b2 + f * row[j + 2 * count]
+        j += 3 * count
+        b3, b4, b5 = b3 + f * row[j], b4 + f * row[j + count], b5 + f * row[j + 2 * count]
     add_six(body, b0, b1, b2, b3, b4, b5)
 
 
@@ -375,7 +378,7 @@ def add_six(body, b0, b1, b2, b3, b4, b5):
     body[3], body[4], body[5] = body[3] + b3, body[4] + b4, body[5] + b5
 
 
-@kernel
+@summing
 def add_wet_nodes(wet, linear_moments, bending_moments, chosen, polynomials, body):
     """Add the moments of the surely wet nodes to their instances' sums body (H, 6)."""
     for n in range(wet.shape[0]):
@@ -387,7 +390,7 @@ def add_wet_nodes(wet, linear_moments, bending_moments, chosen, polynomials, bod
 
 @njit(inline="always")
 def bend_at(q, x, y, z, factor, bend):
-    """The quadratic coefficients (6,) around a place, times a factor."""
+    """The six quadratic coefficients around a place, times a factor."""
     bend[0] = factor * (q[4] + 3.0 * x * q[10] + y * q[11] + z * q[12])
     bend[1] = factor * (q[5] + 2.0 * x * q[11] + 2.0 * y * q[13] + z * q[14])
     bend[2] = factor * (q[6] + 2.0 * x * q[12] + y * q[14] + 2.0 * z * q[15])
@@ -419,18 +422,25 @@ def wet_vertices(heads):
     return wet
 
 
-@njit(cache=True, fastmath={"contract", "reassoc"}, error_model="numpy")
-def wet_share(heads):
-    """Sum of the heads above 0 over that of all heads' sizes: 0 for a dry leaf, 1 for a wet one,
-    and continuous in between. In any order, so that the sums vectorise."""
-    wet, all_ = 0.0, 0.0
+@njit(inline="always")
+def add_wet_vertices(heads, record, body):
+    """Add the sum over a leaf's wet vertices, and return which share of the leaf is wet: the sum of
+    the heads above 0 over that of all heads' sizes, 0 for a dry leaf, 1 for a wet one, and
+    continuous in between."""
+    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    wet, total, n = 0.0, 0.0, LEAF_VERTICES
     for i in range(LEAF_VERTICES):
-        wet += max(heads[i], 0.0)
-        all_ += abs(heads[i])
-    return wet / all_
+        head, j = max(heads[i], 0.0), WEIGHTS + i
+        wet += head
+        total += abs(heads[i])
+        b0, b1, b2 = b0 + head * record[j], b1 + head * record[j + n], b2 + head * record[j + 2 * n]
+        j += 3 * n
+        b3, b4, b5 = b3 + head * record[j], b4 + head * record[j + n], b5 + head * record[j + 2 * n]
+    add_six(body, b0, b1, b2, b3, b4, b5)
+    return wet / total
 
 
-@kernel
+@summing
 def add_opened_leaves(opened, records, triangles, chosen, polynomials, heads, cut, body):
     """Add the leaves that the waterline may cross to their instances' sums body (H, 6), as if
     their triangles reached down to the last wet vertex: over the wet vertices, and the polynomial's
@@ -438,7 +448,7 @@ def add_opened_leaves(opened, records, triangles, chosen, polynomials, heads, cu
     cut (., 2), codes of the triangles that the waterline cuts and the places of their leaves in
     `opened`; returns how many."""
     count = 0
-    above, bend = np.empty(LEAF_VERTICES), np.empty(6)
+    bend = np.zeros(QUADRATICS)
     for n in range(opened.shape[0]):
         leaf, i = opened[n, 0], opened[n, 1]
         q, total, record = polynomials[i], body[chosen[i, 1]], records[leaf]
@@ -446,12 +456,9 @@ def add_opened_leaves(opened, records, triangles, chosen, polynomials, heads, cu
         wet = wet_vertices(heads[n])
         if wet == 0:
             continue
-        for j in range(LEAF_VERTICES):
-            above[j] = max(heads[n, j], 0.0)
-        add_products(above, 0, LEAF_VERTICES, record, WEIGHTS, total)
-        x, y, z = record[MIDDLE], record[MIDDLE + 1], record[MIDDLE + 2]
-        bend_at(q, x, y, z, wet_share(heads[n]), bend)
-        add_products(bend, 0, 6, record, BENDS, total)
+        share = add_wet_vertices(heads[n], record, total)
+        bend_at(q, record[MIDDLE], record[MIDDLE + 1], record[MIDDLE + 2], share, bend)
+        add_products(bend, 0, QUADRATICS, record, BENDS, total)
         for t in range(LEAF_TRIANGLES):
             cut[count, 0], cut[count, 1] = triangles[leaf, t], n
             corners = triangles[leaf, t] >> 40
@@ -517,6 +524,15 @@ def fleet_wrenches(reals, singles, integers, positions, rotations, level, time, 
     subtract_dry_parts(cut[:cut_count], opened, records, heads, patches, chosen, body)
     for i in range(instances.shape[0]):
         add_turned(body[i], positions[instances[i, 2]], rotations[instances[i, 2]], scale, out[instances[i, 3]])
+
+
+@kernel
+def hull_wrench(reals, singles, integers, position, rotation, level, time):
+    """Wrench (6,) of a fleet of one."""
+    out = np.zeros((1, 6))
+    positions, rotations = position.reshape(1, 3), rotation.reshape(1, 9)
+    fleet_wrenches(reals, singles, integers, positions, rotations, level, time, out)
+    return out[0]
 
 
 @njit(inline="always")
