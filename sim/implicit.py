@@ -212,9 +212,10 @@ def body_velocity(position, rotation, spatial, reference, velocity):
 
 
 @kernel
-def known_wrench(inertial, rotation, gravity, applied, passive, dof, known):
-    """Wrench of gravity and of the generalised forces on the free joint at dof into known (6,), in
-    body axes. The joint takes a force at its own origin in world axes and a torque in its own."""
+def known_wrench(inertial, rotation, velocity, gravity, applied, passive, dof, known):
+    """Wrench of gravity and of the generalised forces on the free joint at dof, less the bias
+    omega x I omega, into known (6,), in body axes. The joint takes a force at its own origin in
+    world axes and a torque in its own."""
     known[:] = 0.0
     for i in range(3):
         for j in range(3):
@@ -224,9 +225,12 @@ def known_wrench(inertial, rotation, gravity, applied, passive, dof, known):
     mx, my, mz = cross(
         inertial[ORIGIN], inertial[ORIGIN + 1], inertial[ORIGIN + 2], known[0], known[1], known[2]
     )
-    known[3] += mx
-    known[4] += my
-    known[5] += mz
+    wx, wy, wz = velocity[3], velocity[4], velocity[5]
+    a, b, c = inertial[INERTIA], inertial[INERTIA + 1], inertial[INERTIA + 2]
+    bx, by, bz = cross(wx, wy, wz, a * wx, b * wy, c * wz)
+    known[3] += mx - bx
+    known[4] += my - by
+    known[5] += mz - bz
     for i in range(3):
         for j in range(3):
             known[i] += inertial[MASS] * rotation[j, i] * gravity[j]
@@ -236,9 +240,9 @@ def known_wrench(inertial, rotation, gravity, applied, passive, dof, known):
 def add_angular(rate, timestep, inertial, velocity, drag, matrix):
     """Add the decay of the angular momentum at a rate [1/s]."""
     for i in range(3):
-        decay = rate * inertial[INERTIA + i]
-        drag[3 + i] -= decay * velocity[3 + i]
-        matrix[3 + i, 3 + i] += timestep * decay
+        damping = rate * inertial[INERTIA + i]
+        drag[3 + i] -= damping * velocity[3 + i]
+        matrix[3 + i, 3 + i] += timestep * damping
 
 
 @kernel
@@ -277,23 +281,26 @@ def add_added_mass(fraction, added, rotation, velocity, motion, fluid, matrix):
 @kernel
 def solve_symmetric(matrix, vector):
     """Solve a symmetric positive definite system (6, 6) by Cholesky's method, in place; of the
-    matrix the lower triangle is read."""
+    matrix the lower triangle is read. The factor's diagonal is kept as its reciprocals."""
     for j in range(6):
+        square = matrix[j, j]
         for k in range(j):
-            matrix[j, j] -= matrix[j, k] * matrix[j, k]
-        matrix[j, j] = np.sqrt(matrix[j, j])
+            square -= matrix[j, k] * matrix[j, k]
+        inverse = 1.0 / np.sqrt(square)
+        matrix[j, j] = inverse
         for i in range(j + 1, 6):
+            rest = matrix[i, j]
             for k in range(j):
-                matrix[i, j] -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] /= matrix[j, j]
+                rest -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = rest * inverse
     for i in range(6):
         for k in range(i):
             vector[i] -= matrix[i, k] * vector[k]
-        vector[i] /= matrix[i, i]
+        vector[i] *= matrix[i, i]
     for i in range(5, -1, -1):
         for k in range(i + 1, 6):
             vector[i] -= matrix[k, i] * vector[k]
-        vector[i] /= matrix[i, i]
+        vector[i] *= matrix[i, i]
 
 
 @kernel
@@ -312,17 +319,6 @@ def accelerate(inertial, rest, fluid, matrix):
     for i in range(3):
         fluid[i] = inertial[MASS] * acceleration[i] - rest[i]
         fluid[3 + i] = inertial[INERTIA + i] * acceleration[3 + i] - rest[3 + i]
-
-
-@kernel
-def subtract_bias(inertial, velocity, rest):
-    """Take omega x I omega from the torque in rest (6,), body axes."""
-    wx, wy, wz = velocity[3], velocity[4], velocity[5]
-    a, b, c = inertial[INERTIA], inertial[INERTIA + 1], inertial[INERTIA + 2]
-    bx, by, bz = cross(wx, wy, wz, a * wx, b * wy, c * wz)
-    rest[3] -= bx
-    rest[4] -= by
-    rest[5] -= bz
 
 
 @kernel
@@ -351,6 +347,15 @@ def add_hull(
 
 
 @kernel
+def is_wet(body, hulls, buoyancy):
+    """Whether the water pushes any of a body's hulls with drag or added mass up."""
+    wet = False
+    for h in range(body[HULLS], body[HULLS_END]):
+        wet |= buoyancy[hulls[h, ROW], 2] > 0.0
+    return wet
+
+
+@kernel
 def implicit_wrenches(
     bodies, inertials, hulls, constants, elements, components, tolerance, level,
     positions, rotations, velocities, references, gravity, applied, passive,
@@ -360,7 +365,10 @@ def implicit_wrenches(
     width = elements.shape[2] + LANES  # not a power of two, or rows would share cache lines
     work, scratch = np.empty((WORK_ROWS, width)), np.empty((SCRATCH_ROWS, width))
     velocity, matrix = np.empty(6), np.empty((6, 6))
+    drags[:] = 0.0
     for b in range(bodies.shape[0]):
+        if not is_wet(bodies[b], hulls, buoyancy):
+            continue
         body, dof, inertial = bodies[b, BODY], bodies[b, DOF], inertials[b]
         position, rotation = positions[body], rotations[body].reshape(3, 3)
         reference = references[bodies[b, ROOT]]
@@ -375,13 +383,11 @@ def implicit_wrenches(
                     position, rotation, velocity, timestep, time, push, work, scratch,
                     drag, fluid, matrix,
                 )  # fmt: skip
-        drags[b] = 0.0
         into_world(rotation, drag, drags[b])
         fluid += drag
         if dof >= 0:
             into_body(rotation, wrenches[body], fluid)
             wrenches[body] = 0.0
-            known_wrench(inertial, rotation, gravity, applied, passive, dof, rest)
-            subtract_bias(inertial, velocity, rest)
+            known_wrench(inertial, rotation, velocity, gravity, applied, passive, dof, rest)
         accelerate(inertial, rest, fluid, matrix)
         into_world(rotation, fluid, wrenches[body])
