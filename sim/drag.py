@@ -172,30 +172,16 @@ class Drag:
         position (3,), rotation (3, 3): pose of the hull frame; velocity (6,): of its origin
         and angular, world axes, like all that comes out; time [s]. Without the angular rate.
         """
-        sea = self.sea
-        centroid = position + rotation @ self.hull.centroid
-        water_motion(
-            centroid, sea.components, sea.residual_tolerance, sea.level, float(time), motion
-        )
+        sea, count = self.sea, self.elements.shape[1]
+        centroid, time = position + rotation @ self.hull.centroid, float(time)
+        water_motion(centroid, sea.components, sea.residual_tolerance, sea.level, time, motion)
         turn = np.kron(np.eye(2), rotation)
+        work, scratch = np.empty((WORK_ROWS, count)), np.empty((SCRATCH_ROWS, count))
         drag, lower = np.zeros(6), np.zeros((6, 6))
         hull_drag(
-            self.elements,
-            self.pressures,
-            sea.components,
-            self.label_residual,
-            self.label_steps,
-            sea.level,
-            position,
-            rotation,
-            turn.T @ velocity,
-            float(time),
-            1.0,
-            np.empty((WORK_ROWS, self.elements.shape[1] + LANES)),
-            np.empty((SCRATCH_ROWS, self.elements.shape[1] + LANES)),
-            drag,
-            lower,
-        )
+            self.elements, self.pressures, sea.components, self.label_residual, self.label_steps,
+            sea.level, position, rotation, turn.T @ velocity, time, 1.0, work, scratch, drag, lower,
+        )  # fmt: skip
         wrench += turn @ drag
         damping += turn @ (np.tril(lower) + np.tril(lower, -1).T) @ turn.T
 

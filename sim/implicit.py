@@ -29,7 +29,7 @@ touches. Approximations:
   alone does not).
 * the water that enters or leaves the added mass as f changes carries no momentum (no slamming).
 
-Sources: Newman 1977 for Kirchhoff's equations.
+Source: Newman 1977 for Kirchhoff's equations.
 """
 
 from collections.abc import Sequence
@@ -49,7 +49,6 @@ BODY, ROOT, DOF, HULLS, HULLS_END = range(5)
 
 # Columns of the bodies' constants, inertial frame: the joint's origin and axes, row by row.
 MASS, INERTIA, ORIGIN, AXES = 0, 1, 4, 7
-BODY_CONSTANTS = 16
 
 # Columns of the table of hulls.
 ROW, STEPS, HAS_DRAG, HAS_ADDED_MASS = range(4)
@@ -57,7 +56,6 @@ ROW, STEPS, HAS_DRAG, HAS_ADDED_MASS = range(4)
 # Columns of the hulls' constants: those of Drag, the buoyancy [N] of the submerged hull, the rate
 # [1/s] at which it takes angular momentum, the centroid (3) and the added mass (36).
 PRESSURES, RESIDUAL, WHOLE, RATE, CENTROID, ADDED_MASS = 0, 3, 4, 5, 6, 9
-HULL_CONSTANTS = 45
 
 
 @dataclass(frozen=True)
@@ -93,7 +91,7 @@ class ResistedFleet:
         self._bodies = np.array(
             [
                 [body.body, body.root, body.dof, start, end]
-                for body, start, end in zip(bodies, [0, *ends], ends, strict=False)
+                for body, start, end in zip(bodies, [0, *ends[:-1]], ends, strict=True)
             ]
         )
         self._inertials = np.array(
@@ -131,8 +129,9 @@ class ResistedFleet:
 
         positions (., 3) [m], rotations (., 9): inertial frames of all bodies; velocities (., 6):
         angular, then linear at the body's reference point, references (., 3) [m]; gravity (3,);
-        applied, passive: generalised forces known before the step, in the sense of
-        MuJoCo's free joints; timestep, time [s]; buoyancy (., 6): the wrenches of all hulls.
+        applied, passive: forces along all degrees of freedom known before the step, those
+        of a free joint being a force in world axes and a torque in the joint's own; timestep,
+        time [s]; buoyancy (., 6): the wrenches of all hulls.
         """
         sea = self._sea
         implicit_wrenches(
