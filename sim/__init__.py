@@ -8,7 +8,8 @@ The layers, from the bottom up; imports point only downwards in this list:
     hull         Hull: a closed, outward triangle surface, checked once
     triangle     kernels: hydrostatic wrench of a triangle, the straight clip
     methods/     ways to turn (hull, sea, pose, time) into a wrench, all called alike
-    drag         drag and added mass of a hull, and the linearly implicit step that bears them
+    drag         drag and added mass of a hull
+    implicit     the linearly implicit step of bodies that have them
     mjcf         a model's custom fields and geoms -> sea and hulls; every refusal about a model
     coupling     Buoyancy: the callback that writes xfrc_applied
     scene        Scene: an MJCF file as something that can be stepped

@@ -7,14 +7,13 @@ is one for the whole process and sees every model, so it is set only inside a `w
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from time import perf_counter
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.drag import BodyDrag, known_wrench, velocity_at
+from sim.implicit import ResistedBody, ResistedFleet
 from sim.methods import Method, Patches, PatchFleet
 from sim.mjcf import FloatingGeom, is_free, read_model
 from sim.sea import Sea
@@ -26,89 +25,6 @@ def _update_velocities(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Bring the bodies' velocities up to the positions and `qvel` as they stand."""
     mujoco.mj_comPos(model, data)
     mujoco.mj_comVel(model, data)
-
-
-@dataclass(frozen=True)
-class _ResistedRow:
-    """A body with drag or added mass: its row of `xfrc_applied` and views of what that needs.
-
-    hulls: the places of its hulls among all; velocity: (6,) angular and linear at the point
-    `reference` [m]; applied, passive: (6,) forces along the free joint's degrees of freedom,
-    empty for a body that is not free.
-    """
-
-    body: int
-    resistance: BodyDrag
-    hulls: list[int]
-    row: Array
-    position: Array
-    rotation: Array
-    velocity: Array
-    reference: Array
-    origin: Array
-    axes: Array
-    applied: Array
-    passive: Array
-
-    @classmethod
-    def of(
-        cls,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        body: int,
-        resistance: BodyDrag,
-        hulls: list[int],
-    ) -> "_ResistedRow":
-        first = model.body_dofadr[body]
-        dofs = slice(first, first + 6 * resistance.free)
-        return cls(
-            body,
-            resistance,
-            hulls,
-            row=data.xfrc_applied[body],
-            position=data.xipos[body],
-            rotation=data.ximat[body].reshape(3, 3),
-            velocity=data.cvel[body],
-            reference=data.subtree_com[model.body_rootid[body]],
-            origin=data.xpos[body],
-            axes=data.xmat[body].reshape(3, 3),
-            applied=data.qfrc_applied[dofs],
-            passive=data.qfrc_passive[dofs],
-        )
-
-    def write(self, option: mujoco.MjOption, time: float, buoyancy: Array) -> None:
-        """Write the wrench of the water for the state as it stands; buoyancy (H, 6): all hulls'."""
-        self.row[:] = self.resistance.wrench(
-            self.position,
-            self.rotation,
-            self._velocity(),
-            time,
-            [buoyancy[i] for i in self.hulls],
-            self._other_forces(option.gravity),
-            option.timestep,
-        )
-
-    def drag_wrench(self, time: float, buoyancy: Array) -> Array:
-        """The drag alone (6,), as it is."""
-        mine = [buoyancy[i] for i in self.hulls]
-        return self.resistance.drag(self.position, self.rotation, self._velocity(), time, mine)
-
-    def _velocity(self) -> Array:
-        """Velocity (6,) of the centre of mass and angular, world axes."""
-        return velocity_at(self.velocity, self.reference, self.position)
-
-    def _other_forces(self, gravity: Array) -> Array:
-        """Wrench (6,) about the centre of mass of gravity and of the generalised forces known
-        before the step."""
-        return known_wrench(
-            self.resistance.mass,
-            gravity,
-            self.applied,
-            self.passive,
-            self.origin,
-            self.axes,
-            self.position,
-        )
 
 
 class Buoyancy:
@@ -132,6 +48,7 @@ class Buoyancy:
 
     def __init__(self, model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom]) -> None:
         self.model = model
+        self._option = model.opt
         self.sea = sea
         self.floats = tuple(floats)
         self.bodies, self.float_bodies = np.unique(
@@ -143,12 +60,13 @@ class Buoyancy:
         self._fleet, self._others = _sorted_by_call(self.floats)
         self._data: mujoco.MjData | None = None
         self._views: tuple[Array, Array, Array] = ()
-        self._resisted = {
-            int(body): resistance
+        self._state: tuple[Array, ...] = ()
+        self._resisted = [
+            _resisted_body(model, int(body), self.floats)
             for body in self.bodies
-            if (resistance := self._body_drag(int(body))) is not None
-        }
-        self._resisted_rows: list[_ResistedRow] = []
+            if any(f.drag for f in self.floats if f.body == body)
+        ]
+        self._resistance = ResistedFleet(self._resisted) if self._resisted else None
 
     @classmethod
     def from_model(
@@ -180,7 +98,7 @@ class Buoyancy:
                 "this Buoyancy was made for another model; make one with Buoyancy.from_model(model)"
             )
         mujoco.mj_kinematics(model, data)
-        if self._resisted:
+        if self._resistance is not None:
             _update_velocities(model, data)
             mujoco.mj_passive(model, data)
         self._write(data)
@@ -221,37 +139,30 @@ class Buoyancy:
         of mass, for the state in `data`: the force of the water's resistance as such, without
         added mass. Zero where the model asks for none. Updates the kinematics; writes no force."""
         drags = np.zeros((len(self.bodies), 6))
-        if not self._resisted:
+        if self._resistance is None:
             return drags
         mujoco.mj_kinematics(self.model, data)
         _update_velocities(self.model, data)
         if data is not self._data:
             self._bind(data)
         buoyancy = self._hull_wrenches(data.xipos, data.ximat, data.time)
-        for row in self._resisted_rows:
-            place = np.searchsorted(self.bodies, row.body)
-            drags[place] = row.drag_wrench(data.time, buoyancy)
+        places = np.searchsorted(self.bodies, [body.body for body in self._resisted])
+        drags[places] = self._add_resistance(data.time, buoyancy, np.zeros_like(data.xfrc_applied))
         return drags
-
-    def _body_drag(self, body: int) -> BodyDrag | None:
-        """Drag of a body's hulls; None when no hull has any."""
-        hulls = [f.drag for f in self.floats if f.body == body]
-        if not any(hulls):
-            return None
-        model = self.model
-        free = is_free(model, body)
-        return BodyDrag(model.body_mass[body], model.body_inertia[body], hulls, free)
 
     def _bind(self, data: mujoco.MjData) -> None:
         """Keep views of the arrays of `data`: asking for them anew costs more than using them."""
         self._data = data
         self._views = (data.xipos, data.ximat, data.xfrc_applied)
-        self._resisted_rows = [
-            _ResistedRow.of(
-                self.model, data, body, drag, np.flatnonzero(self._rows == body).tolist()
-            )
-            for body, drag in self._resisted.items()
-        ]
+        self._state = (
+            data.xipos,
+            data.ximat,
+            data.cvel,
+            data.subtree_com,
+            self._option.gravity,
+            data.qfrc_applied,
+            data.qfrc_passive,
+        )
 
     def _hull_wrenches(self, positions: Array, rotations: Array, time: float) -> Array:
         """Buoyancy (H, 6) of all hulls for the poses of all bodies (., 3), (., 9)."""
@@ -261,6 +172,12 @@ class Buoyancy:
         for hull, body, method in self._others:
             wrenches[hull] = method.wrench(positions[body], rotations[body], time)
         return wrenches
+
+    def _add_resistance(self, time: float, buoyancy: Array, rows: Array) -> Array:
+        """Turn the resisted bodies' rows of all bodies' rows (., 6), their buoyancy, into the whole
+        wrench of the water; returns their drag. buoyancy (H, 6): of all hulls."""
+        timestep = self._option.timestep
+        return self._resistance.add_resistance(*self._state, timestep, time, buoyancy, rows)
 
     def _write(self, data: mujoco.MjData) -> None:
         started = perf_counter()
@@ -274,8 +191,8 @@ class Buoyancy:
         else:
             rows[self.bodies] = 0.0
             np.add.at(rows, self._rows, wrenches)
-        for resisted in self._resisted_rows:
-            resisted.write(self.model.opt, time, wrenches)
+        if self._resistance is not None:
+            self._add_resistance(time, wrenches, rows)
         self.calls += 1
         self.seconds += perf_counter() - started
 
@@ -292,3 +209,22 @@ def _sorted_by_call(
         return None, others
     methods, poses = [f.method for _, f in together], [f.body for _, f in together]
     return PatchFleet(methods, poses, [i for i, _ in together]), others
+
+
+def _resisted_body(
+    model: mujoco.MjModel, body: int, floats: Sequence[FloatingGeom]
+) -> ResistedBody:
+    """A body with drag, as the model describes it."""
+    axes = np.empty(9)
+    mujoco.mju_quat2Mat(axes, model.body_iquat[body])
+    axes = axes.reshape(3, 3).T
+    return ResistedBody(
+        body=body,
+        root=int(model.body_rootid[body]),
+        dof=int(model.body_dofadr[body]) if is_free(model, body) else -1,
+        mass=float(model.body_mass[body]),
+        inertia=model.body_inertia[body].copy(),
+        origin=-axes @ model.body_ipos[body],
+        axes=axes,
+        hulls=[(i, f.drag) for i, f in enumerate(floats) if f.body == body],
+    )

@@ -1,4 +1,4 @@
-"""Drag: what moving water does to a hull besides pushing it up, and the step that bears it.
+"""Drag: what moving water does to a hull besides pushing it up.
 
 The hull's surface is gathered once into some hundred flat elements of area A, outward normal n
 and radius r. With u the velocity of an element relative to the water's own orbital motion there,
@@ -16,33 +16,7 @@ L being the cube root of the hull's volume. The three coefficients are dimension
 and the cheap alternative, a uniform rate [1/s] at which angular momentum I omega decays
 (fully submerged). Every term opposes u: it never does work on the motion relative to the water.
 
-Added mass is the water that a hull has to accelerate with itself: A, 6 x 6, times the submerged
-fraction f. By Kirchhoff's equations, in axes that turn with the body and with nu = (u, omega)
-relative to the water at the hull's centroid, which itself accelerates by a_w,
-
-    F_added = - f A (a - a_w, alpha) + f A (omega x u, 0) - (omega x p, omega x l + u x p),
-    (p, l) = f A nu.
-
-Explicit in time, strong drag and large added mass would both throw a light body out of
-the water. So one small system is solved a step for the acceleration a,
-
-    (M + A + h C) a = F_gravity + F_buoyancy + F_drag(v) - bias + ...,   C = - dF_drag/dv >= 0,
-
-and M a - F_gravity + bias is handed over as the wrench, with which the free body
-accelerates by just that (Hairer and Wanner 1996, IV.7: the linearly implicit Euler method).
-
-Exact (of first order in the timestep, as Euler's methods are) for a free body that nothing
-touches. Approximations:
-
-* other forces: those in `qfrc_applied` meet the added mass too; actuators, joint damping and
-  contacts meet the dry mass alone. A body that rests on something with
-  its added mass presses with M / (M + A) of its weight in water.
-* a link of a kinematic tree: drag is damped with the link's own inertia, of which its
-  joints leave it no less, so it is stable and statically exact, and at h C << M the explicit drag;
-  an added mass is refused.
-* RK4: every stage solves with the full timestep, so drag makes RK4 of first order too (added mass
-  alone does not).
-* the water that enters or leaves the added mass as f changes carries no momentum (no slamming).
+Drag may be strong and bodies light; the step that bears it, and added mass, is in `sim.implicit`.
 
 The water's velocity below the surface is that of Gerstner's waves: a particle moves on the
 circle of the surface particle above it with the radius times exp(- k depth). Label and depth
@@ -50,12 +24,11 @@ are those of the surface right above the point, which is exact at the surface an
 relative k a at depth, where little is left of the motion (see `tests/test_drag.py`).
 
 Sources: Morison et al. 1950 and Faltinsen 1990 for the splitting into terms; Newman 1977 for
-Kirchhoff's equations and the wave damping; Kerner 2015 (Water interaction model for boats in
-video games) for drag summed over a hull's facets.
+the wave damping; Kerner 2015 (Water interaction model for boats in video games) for drag summed
+over a hull's facets.
 """
 
 import heapq
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -64,7 +37,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.gerstner import (
     AMPLITUDE,
-    CHUNK,
     DIRECTION_X,
     DIRECTION_Y,
     FREQUENCY,
@@ -73,6 +45,7 @@ from sim.gerstner import (
     LABEL_Y,
     OFFSET_X,
     OFFSET_Y,
+    PLAIN_STEPS,
     RESIDUAL,
     SCRATCH_ROWS,
     TURNS,
@@ -80,8 +53,10 @@ from sim.gerstner import (
     TURNS_Y,
     WAVENUMBER,
     kernel,
+    newton_update,
     sine_cosine,
     solve_chunk,
+    wave_sums,
 )
 from sim.hull import Hull
 from sim.sea import Sea
@@ -92,18 +67,35 @@ Array = NDArray[np.float64]
 ELEMENTS = 128
 """Surface elements a hull is gathered into; the cost of drag is proportional to it."""
 
-LABEL_TOLERANCE = 0.01
-"""Residual, in hull lengths, at which the label above an element counts as found; Newton's last
-step then squares it."""
+LABEL_ERROR = 0.02
+"""Largest error of the labels above the elements, in hull lengths or in radians of the waves'
+phase: the water's velocity is then right to some 2 %, where drag coefficients are to 20 %."""
+
+SAMPLES = 2048
+"""Particles, of all phases, on which the Newton steps that this takes are counted."""
+
+SAFETY = 1.5
+"""A residual this many times the largest of the samples makes the solver go on."""
+
+LANES = 8
+"""Loops over elements run over multiples of this, so that none is left to a scalar remainder."""
 
 SYMMETRY = 1e-9
 """Relative round-off that a symmetric, positive semidefinite matrix given in decimals may have."""
 
-# Rows of a chunk's scratch after its labels are found.
+# Rows of the solver's scratch after the labels are found.
 SPEED_X, SPEED_Y, SPEED_Z, DEPTH = OFFSET_X, OFFSET_Y, HEIGHT, RESIDUAL
 
-# Rows of an array of elements.
+# Rows of an array of elements, hull frame.
 POINT_X, POINT_Y, POINT_Z, NORMAL_X, NORMAL_Y, NORMAL_Z, AREA, RADIUS = range(8)
+
+# Rows of the work: the elements in the world, their wet areas, and forces.
+WORLD_X, WORLD_Y, WORLD_Z, HEAD, WET = range(5)
+FORCE_X, FORCE_Y, FORCE_Z, SKIN_X, SKIN_Y, SKIN_Z, ACROSS, ALONG, RUB = range(5, 14)
+WORK_ROWS = 14
+
+# In a sum of many elements the compiler may change the order, or the loop would not vectorise.
+summing_kernel = njit(cache=True, fastmath={"contract", "reassoc"}, error_model="numpy")
 
 
 @dataclass(frozen=True)
@@ -135,6 +127,10 @@ class Drag:
     (a sphere: 0.5 0.5 0.5 0 0 0). The matrix: [kg], [kg m], [kg m^2], (translation, rotation)
     along the axes and about the origin of the hull frame, for the fully submerged hull. The
     frame must be the body's inertial frame. Raises ValueError.
+
+    elements (8, N): as of `surface_elements`, filled up to whole LANES with elements of no area,
+    N = 0 without surface drag; pressures (3,): density times coefficients, the factors of u_n,
+    |u_n| u_n and |u_t| u_t; label_steps, label_residual: as of that function.
     """
 
     def __init__(
@@ -149,16 +145,16 @@ class Drag:
         self.coefficients = coefficients
         self.added_mass = None if added_mass is None else _matrix(hull, sea.density, added_mass)
         c = coefficients
-        resists = c.linear > 0.0 or c.form > 0.0 or c.friction > 0.0
-        # The last element has no area: it asks for the water's motion at the centroid.
-        probe = np.concatenate([hull.centroid, np.zeros(5)])[:, None]
-        surface = surface_elements(hull) if resists else np.empty((8, 0))
-        self._elements = np.hstack([surface, probe])
         speed = np.sqrt(sea.gravity * np.cbrt(hull.volume))
-        strengths = [c.linear * speed, 0.25 * c.form, 0.5 * c.friction]
-        self._pressures = sea.density * np.array(strengths)
+        self.pressures = sea.density * np.array([c.linear * speed, 0.25 * c.form, 0.5 * c.friction])
+        self.elements = np.empty((8, 0))
+        if self.pressures.any():
+            elements = surface_elements(hull)
+            fill = np.repeat(elements[:, :1], -elements.shape[1] % LANES, axis=1)
+            fill[AREA] = 0.0
+            self.elements = np.hstack([elements, fill])
         size = float(np.linalg.norm(hull.bounds[1] - hull.bounds[0]))
-        self._tolerance = LABEL_TOLERANCE * size
+        self.label_steps, self.label_residual = label_steps(sea, size)
 
     def add_drag(
         self,
@@ -170,128 +166,24 @@ class Drag:
         damping: Array,
         motion: Array,
     ) -> None:
-        """Add drag to wrench (6,) and - d wrench / d velocity to damping (6, 6; its lower
-        triangle), and leave the water's velocity and acceleration (6,) at the hull's centroid in
-        motion.
+        """Add drag to wrench (6,) and - d wrench / d velocity to damping (6, 6), and leave the
+        water's velocity and acceleration (6,) at the hull's centroid in motion.
 
         position (3,), rotation (3, 3): pose of the hull frame; velocity (6,): of its origin
         and angular, world axes, like all that comes out; time [s]. Without the angular rate.
         """
-        drag_wrench(
-            self._elements,
-            self._pressures,
-            self.sea.components,
-            self._tolerance,
-            self.sea.level,
-            self.sea.amplitude,
-            position,
-            rotation,
-            velocity,
-            time,
-            wrench,
-            damping,
-            motion,
-        )
-
-
-class BodyDrag:
-    """Drag and added mass of a rigid body, hull by hull, and its linearly implicit step.
-
-    mass [kg]; inertia: (3,) [kg m^2], principal; hulls: the Drag of each, None for a hull
-    that has none, all in the body's inertial frame; free: whether nothing but the water and
-    known forces moves the body.
-    """
-
-    def __init__(
-        self, mass: float, inertia: Array, hulls: Sequence[Drag | None], free: bool
-    ) -> None:
-        self.mass = float(mass)
-        self.inertia = np.array(inertia, dtype=float)
-        self.hulls = tuple(hulls)
-        self.free = free
-        self._wholes = [
-            h and h.sea.density * h.sea.gravity * h.hull.volume for h in self.hulls
-        ]  # N, the buoyancy of the submerged hull
-        submerged = sum(h.hull.volume for h in self.hulls if h is not None)
-        self._rates = [h and h.coefficients.angular * h.hull.volume / submerged for h in self.hulls]
-
-    def drag(
-        self,
-        position: Array,
-        rotation: Array,
-        velocity: Array,
-        time: float,
-        buoyancy: Iterable[Array],
-    ) -> Array:
-        """Drag (6,) [N, N m] about the centre of mass, world axes, without added mass.
-
-        position (3,), rotation (3, 3): the inertial frame; velocity (6,): of the centre of mass
-        and angular; time [s]; buoyancy: the wrench (6,) of each hull.
-        """
-        return self._evaluate(position, rotation, velocity, time, buoyancy)[0]
-
-    def wrench(
-        self,
-        position: Array,
-        rotation: Array,
-        velocity: Array,
-        time: float,
-        buoyancy: Sequence[Array],
-        known: Array,
-        timestep: float,
-    ) -> Array:
-        """Wrench (6,) of the water: buoyancy, drag and added mass together, such that the body
-        accelerates as the linearly implicit step says; arguments as for `drag`.
-
-        known: (6,) the other forces, gravity included; timestep [s].
-        """
-        drag, damping, added, inertial = self._evaluate(
-            position, rotation, velocity, time, buoyancy
-        )
-        fluid = drag
-        if self.free:
-            for wrench in (*buoyancy, inertial):
-                fluid += wrench
-        accelerated_wrench(
-            self.mass,
-            self.inertia,
-            rotation,
-            velocity,
-            timestep,
-            known,
-            fluid,
-            damping,
-            added,
-            self.free,
-        )
-        if not self.free:
-            for wrench in buoyancy:
-                fluid += wrench
-        return fluid
-
-    def _evaluate(
-        self,
-        position: Array,
-        rotation: Array,
-        velocity: Array,
-        time: float,
-        buoyancy: Iterable[Array],
-    ) -> tuple[Array, Array, Array, Array]:
-        """Drag (6,), damping (6, 6), added mass (6, 6) and the wrench (6,) that comes with it."""
-        drag, inertial, motion = np.zeros(6), np.zeros(6), np.empty(6)
-        damping, added = np.zeros((6, 6)), np.zeros((6, 6))
-        hulls = zip(self.hulls, self._wholes, self._rates, buoyancy, strict=True)
-        for hull, whole, rate, push in hulls:
-            if hull is None or push[2] <= 0.0:
-                continue
-            fraction = min(push[2] / whole, 1.0)
-            hull.add_drag(position, rotation, velocity, time, drag, damping, motion)
-            if rate > 0.0:
-                add_angular(rate * fraction, self.inertia, rotation, velocity, drag, damping)
-            if hull.added_mass is not None:
-                matrix = fraction * hull.added_mass
-                add_added_mass(matrix, rotation, velocity, motion, inertial, added)
-        return drag, damping, added, inertial
+        sea, count = self.sea, self.elements.shape[1]
+        centroid, time = position + rotation @ self.hull.centroid, float(time)
+        water_motion(centroid, sea.components, sea.residual_tolerance, sea.level, time, motion)
+        turn = np.kron(np.eye(2), rotation)
+        work, scratch = np.empty((WORK_ROWS, count)), np.empty((SCRATCH_ROWS, count))
+        drag, lower = np.zeros(6), np.zeros((6, 6))
+        hull_drag(
+            self.elements, self.pressures, sea.components, self.label_residual, self.label_steps,
+            sea.level, position, rotation, turn.T @ velocity, time, 1.0, work, scratch, drag, lower,
+        )  # fmt: skip
+        wrench += turn @ drag
+        damping += turn @ (np.tril(lower) + np.tril(lower, -1).T) @ turn.T
 
 
 def _matrix(hull: Hull, density: float, added_mass: ArrayLike) -> Array:
@@ -411,46 +303,35 @@ def _halves(
     return group[order[:cut]], group[order[cut:]]
 
 
-@kernel
-def velocity_at(spatial, reference, point):
-    """Velocity (6,) of a rigid body at a point, linear then angular, from its spatial velocity:
-    (6,) angular, then linear at the reference point."""
-    wx, wy, wz = spatial[0], spatial[1], spatial[2]
-    ax, ay, az = point[0] - reference[0], point[1] - reference[1], point[2] - reference[2]
-    vx, vy, vz = cross(wx, wy, wz, ax, ay, az)
-    return np.array([spatial[3] + vx, spatial[4] + vy, spatial[5] + vz, wx, wy, wz])
-
-
-@kernel
-def known_wrench(mass, gravity, applied, passive, origin, axes, point):
-    """Wrench (6,) about a body's centre of mass, `point`, of gravity (3,) and of the generalised
-    forces on its free joint, (6,) or none: force at the joint's origin in world axes, torque in
-    the joint's own."""
-    wrench = np.zeros(6)
-    for i in range(3):
-        wrench[i] = mass * gravity[i]
-    if applied.size == 0:
-        return wrench
-    fx, fy, fz = applied[0] + passive[0], applied[1] + passive[1], applied[2] + passive[2]
-    mx, my, mz = cross(origin[0] - point[0], origin[1] - point[1], origin[2] - point[2], fx, fy, fz)
-    wrench[0] += fx
-    wrench[1] += fy
-    wrench[2] += fz
-    wrench[3] += mx
-    wrench[4] += my
-    wrench[5] += mz
-    for i in range(3):
-        for j in range(3):
-            wrench[3 + i] += axes[i, j] * (applied[3 + j] + passive[3 + j])
-    return wrench
+def label_steps(sea: Sea, size: float) -> tuple[int, float]:
+    """Newton steps, from the point itself, that bring the labels of all samples to LABEL_ERROR for
+    a hull of a size [m], and the residual [m] before the last of them that no sample
+    exceeded. With as many steps for every element drag is a smooth function of the pose."""
+    speeds = sea.components[:, FREQUENCY] * sea.components[:, AMPLITUDE]
+    if not speeds.any():
+        return 1, np.inf
+    wavenumber = np.linalg.norm(sea.components[:, WAVENUMBER] * speeds) / np.linalg.norm(speeds)
+    allowed = LABEL_ERROR * min(size, 1.0 / wavenumber)
+    span = 1000.0 * max(wave.wavelength for wave in sea.waves)
+    labels = np.random.default_rng(0).uniform(-span, span, (SAMPLES, 2))
+    x, y = sea.particles(labels, 0.0)[:, :2].T.copy()
+    heights, scratch = np.empty(SAMPLES), np.empty((SCRATCH_ROWS, SAMPLES))
+    scratch[LABEL_X], scratch[LABEL_Y] = x, y
+    steps, missed = 0, np.inf
+    while missed > allowed and steps < PLAIN_STEPS:
+        wave_sums(SAMPLES, sea.components, 0.0, scratch)
+        newton_update(x, y, heights, scratch)
+        missed = np.hypot(scratch[LABEL_X] - labels[:, 0], scratch[LABEL_Y] - labels[:, 1]).max()
+        steps += 1
+    return steps, SAFETY * float(np.sqrt(scratch[RESIDUAL].max()))
 
 
 @njit(inline="always")
 def decay(x):
-    """exp(-x) for x >= 0 as (1 + y + ... + y^4/24)^-64 with y = x/64: to 5e-10 at x = 1 and 5e-5 at
-    10, always falling. Without a call in it, a loop over it vectorises."""
-    y = x / 64.0
-    power = 1.0 / (1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y / 24.0))))
+    """exp(-x) for x >= 0 as (1 - y + ... + y^4/24)^64 with y = x/64 up to 1: to 5e-10 at x = 1 and
+    5e-5 at 10, never rising. Without a call in it, a loop over it vectorises."""
+    y = min(x / 64.0, 1.0)
+    power = 1.0 - y * (1.0 - y * (0.5 - y * (1.0 / 6.0 - y / 24.0)))
     power *= power
     power *= power
     power *= power
@@ -480,261 +361,183 @@ def water_velocities(count, components, time, scratch):
 
 
 @kernel
-def water_acceleration(x, y, depth, components, time, acceleration):
-    """Acceleration (3,) [m/s^2] of the water at a depth [m] below the label x, y."""
-    acceleration[:] = 0.0
+def water_motion(point, components, tolerance, level, time, motion):
+    """Velocity [m/s] and acceleration [m/s^2] of the water at a point (3,) into motion (6,)."""
+    scratch, height = np.empty((SCRATCH_ROWS, 1)), np.empty(1)
+    scratch[LABEL_X, 0], scratch[LABEL_Y, 0] = point[0], point[1]
+    solve_chunk(point[:1], point[1:2], components, time, tolerance, 1, height, scratch)
+    scratch[DEPTH, 0] = depth = max(height[0] + level - point[2], 0.0)
+    water_velocities(1, components, time, scratch)
+    motion[:3] = scratch[SPEED_X : SPEED_Z + 1, 0]
+    motion[3:] = 0.0
     for w in range(components.shape[0]):
         wave = components[w]
         s, c = sine_cosine(
-            wave[TURNS_X] * x + wave[TURNS_Y] * y + wave[TURNS] - wave[FREQUENCY] * time
+            wave[TURNS_X] * scratch[LABEL_X, 0]
+            + wave[TURNS_Y] * scratch[LABEL_Y, 0]
+            + (wave[TURNS] - wave[FREQUENCY] * time)
         )
         rate = 2.0 * np.pi * wave[FREQUENCY]
         a = rate * rate * wave[AMPLITUDE] * decay(wave[WAVENUMBER] * depth)
-        acceleration[0] -= wave[DIRECTION_X] * a * c
-        acceleration[1] -= wave[DIRECTION_Y] * a * c
-        acceleration[2] -= a * s
+        motion[3] -= wave[DIRECTION_X] * a * c
+        motion[4] -= wave[DIRECTION_Y] * a * c
+        motion[5] -= a * s
 
 
 @kernel
-def add_element(normal, arm, wet_area, u, pressures, wrench, damping):
-    """Add the drag of one element and its derivative; normal, arm, u: (3,),
-    world axes."""
-    nx, ny, nz = normal
-    normal_speed = u[0] * nx + u[1] * ny + u[2] * nz
-    tx, ty, tz = u[0] - normal_speed * nx, u[1] - normal_speed * ny, u[2] - normal_speed * nz
-    skin_speed = np.sqrt(tx * tx + ty * ty + tz * tz)
-    linear, form, friction = (
-        wet_area * pressures[0],
-        wet_area * pressures[1],
-        wet_area * pressures[2],
-    )
-    push = (linear + form * abs(normal_speed)) * normal_speed
-    rub = friction * skin_speed
-    fx, fy, fz = -push * nx - rub * tx, -push * ny - rub * ty, -push * nz - rub * tz
-    mx, my, mz = cross(arm[0], arm[1], arm[2], fx, fy, fz)
+def place_elements(elements, position, rotation, work, scratch):
+    """World positions of the elements into rows WORLD_X to WORLD_Z, the first guess of their labels
+    into the scratch."""
+    px, py, pz = position
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = rotation
+    for i in range(elements.shape[1]):
+        x, y, z = elements[POINT_X, i], elements[POINT_Y, i], elements[POINT_Z, i]
+        work[WORLD_X, i] = px + (ax * x + ay * y + az * z)
+        work[WORLD_Y, i] = py + (bx * x + by * y + bz * z)
+        work[WORLD_Z, i] = pz + (cx * x + cy * y + cz * z)
+    for i in range(elements.shape[1]):
+        scratch[LABEL_X, i] = work[WORLD_X, i]
+        scratch[LABEL_Y, i] = work[WORLD_Y, i]
+
+
+@summing_kernel
+def wet_areas(elements, level, work, scratch):
+    """Wet areas of the elements into row WET, their depths into the scratch; returns their sum."""
+    total = 0.0
+    for i in range(elements.shape[1]):
+        head = work[HEAD, i] + (level - work[WORLD_Z, i])
+        # An element gets wet over its own size, so that no force jumps.
+        share = min(max(0.5 + 0.5 * head / elements[RADIUS, i], 0.0), 1.0)
+        work[WET, i] = share * elements[AREA, i]
+        scratch[DEPTH, i] = max(head, 0.0)
+        total += work[WET, i]
+    return total
+
+
+@kernel
+def element_forces(elements, pressures, rotation, velocity, work, scratch):
+    """Forces of the elements, in the hull's axes, into rows FORCE_X to FORCE_Z, and what their
+    derivatives are made of:
+
+    - dF/du = across n n^T + along t t^T + rub 1,    t the tangential velocity.
+    """
+    linear, form, friction = pressures
+    vx, vy, vz, wx, wy, wz = velocity
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = rotation
+    for i in range(elements.shape[1]):
+        sx, sy, sz = scratch[SPEED_X, i], scratch[SPEED_Y, i], scratch[SPEED_Z, i]
+        x, y, z = cross(
+            wx, wy, wz, elements[POINT_X, i], elements[POINT_Y, i], elements[POINT_Z, i]
+        )
+        ux = vx + x - (ax * sx + bx * sy + cx * sz)
+        uy = vy + y - (ay * sx + by * sy + cy * sz)
+        uz = vz + z - (az * sx + bz * sy + cz * sz)
+        nx, ny, nz = elements[NORMAL_X, i], elements[NORMAL_Y, i], elements[NORMAL_Z, i]
+        speed = ux * nx + uy * ny + uz * nz
+        tx, ty, tz = ux - speed * nx, uy - speed * ny, uz - speed * nz
+        skin_speed = np.sqrt(tx * tx + ty * ty + tz * tz)
+        area = work[WET, i]
+        push = area * (linear + form * abs(speed)) * speed
+        rub = area * friction * skin_speed
+        work[FORCE_X, i] = -push * nx - rub * tx
+        work[FORCE_Y, i] = -push * ny - rub * ty
+        work[FORCE_Z, i] = -push * nz - rub * tz
+        work[SKIN_X, i], work[SKIN_Y, i], work[SKIN_Z, i] = tx, ty, tz
+        work[ACROSS, i] = area * (linear + 2.0 * form * abs(speed)) - rub
+        work[ALONG, i] = area * friction / skin_speed if skin_speed > 0.0 else 0.0
+        work[RUB, i] = rub
+
+
+@summing_kernel
+def add_wrench(elements, work, wrench):
+    """Add the elements' forces and their torques to wrench (6,)."""
+    fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(elements.shape[1]):
+        x, y, z = work[FORCE_X, i], work[FORCE_Y, i], work[FORCE_Z, i]
+        px, py, pz = elements[POINT_X, i], elements[POINT_Y, i], elements[POINT_Z, i]
+        fx, fy, fz = fx + x, fy + y, fz + z
+        tx, ty, tz = tx + (py * z - pz * y), ty + (pz * x - px * z), tz + (px * y - py * x)
     wrench[0] += fx
     wrench[1] += fy
     wrench[2] += fz
-    wrench[3] += mx
-    wrench[4] += my
-    wrench[5] += mz
-    # - dF/du = across n n^T + rub (1 - n n^T) + along t t^T, summed with the rows (1, [arm x])
-    across = linear + 2.0 * form * abs(normal_speed) - rub
-    along = friction / skin_speed if skin_speed > 0.0 else 0.0
-    ax, ay, az = cross(arm[0], arm[1], arm[2], nx, ny, nz)
-    bx, by, bz = cross(arm[0], arm[1], arm[2], tx, ty, tz)
-    n = (nx, ny, nz, ax, ay, az)
-    t = (tx, ty, tz, bx, by, bz)
+    wrench[3] += tx
+    wrench[4] += ty
+    wrench[5] += tz
+
+
+@summing_kernel
+def add_squares(elements, vectors, weights, factor, damping):
+    """Add factor * sum of weight b b^T, b = (a, point x a), to the lower triangle of damping;
+    vectors a: (3, N), weights: (N,)."""
+    aa, ba, bb, ca, cb, cc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    da, db, dc, dd, ea, eb, ec, ed, ee = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    fa, fb, fc, fd, fe, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(weights.size):
+        w, a, b, c = weights[i], vectors[0, i], vectors[1, i], vectors[2, i]
+        x, y, z = elements[POINT_X, i], elements[POINT_Y, i], elements[POINT_Z, i]
+        d, e, f = y * c - z * b, z * a - x * c, x * b - y * a
+        wa, wb, wc, wd, we, wf = w * a, w * b, w * c, w * d, w * e, w * f
+        aa, ba, bb = aa + wa * a, ba + wb * a, bb + wb * b
+        ca, cb, cc = ca + wc * a, cb + wc * b, cc + wc * c
+        da, db, dc, dd = da + wd * a, db + wd * b, dc + wd * c, dd + wd * d
+        ea, eb, ec, ed, ee = ea + we * a, eb + we * b, ec + we * c, ed + we * d, ee + we * e
+        fa, fb, fc = fa + wf * a, fb + wf * b, fc + wf * c
+        fd, fe, ff = fd + wf * d, fe + wf * e, ff + wf * f
+    sums = (
+        aa, ba, bb, ca, cb, cc, da, db, dc, dd, ea, eb, ec, ed, ee, fa, fb, fc, fd, fe, ff
+    )  # fmt: skip
+    k = 0
     for i in range(6):
         for j in range(i + 1):
-            damping[i, j] += across * n[i] * n[j] + along * t[i] * t[j]
+            damping[i, j] += factor * sums[k]
+            k += 1
+
+
+@summing_kernel
+def add_rub(elements, weights, factor, damping):
+    """Add factor * sum of weight (1, [point x]) (1, [point x])^T to the lower triangle of
+    damping; weights (N,)."""
+    s, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
+    xx, yx, yy, zx, zy, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(weights.size):
+        w, x, y, z = weights[i], elements[POINT_X, i], elements[POINT_Y, i], elements[POINT_Z, i]
+        wx, wy, wz = w * x, w * y, w * z
+        s, sx, sy, sz = s + w, sx + wx, sy + wy, sz + wz
+        xx, yx, yy = xx + wx * x, yx + wy * x, yy + wy * y
+        zx, zy, zz = zx + wz * x, zy + wz * y, zz + wz * z
     for i in range(3):
-        damping[i, i] += rub
-    x, y, z = arm[0], arm[1], arm[2]
-    damping[3, 1] -= rub * z
-    damping[3, 2] += rub * y
-    damping[4, 0] += rub * z
-    damping[4, 2] -= rub * x
-    damping[5, 0] -= rub * y
-    damping[5, 1] += rub * x
-    damping[3, 3] += rub * (y * y + z * z)
-    damping[4, 4] += rub * (x * x + z * z)
-    damping[5, 5] += rub * (x * x + y * y)
-    damping[4, 3] -= rub * x * y
-    damping[5, 3] -= rub * x * z
-    damping[5, 4] -= rub * y * z
+        damping[i, i] += factor * s
+    damping[3, 1] -= factor * sz
+    damping[3, 2] += factor * sy
+    damping[4, 0] += factor * sz
+    damping[4, 2] -= factor * sx
+    damping[5, 0] -= factor * sy
+    damping[5, 1] += factor * sx
+    damping[3, 3] += factor * (yy + zz)
+    damping[4, 4] += factor * (xx + zz)
+    damping[5, 5] += factor * (xx + yy)
+    damping[4, 3] -= factor * yx
+    damping[5, 3] -= factor * zx
+    damping[5, 4] -= factor * zy
 
 
 @kernel
-def find_water(points, components, tolerance, level, time, heads, velocities, motion):
-    """Heads (N,) [m] of points (3, N) and the water's velocities (3, N) there; velocity and
-    acceleration of the water at the last point in motion (6,)."""
-    scratch = np.empty((SCRATCH_ROWS, CHUNK))
-    total = points.shape[1]
-    count = 0
-    for start in range(0, total, CHUNK):
-        end = min(start + CHUNK, total)
-        count = end - start
-        scratch[LABEL_X, :count] = points[0, start:end]
-        scratch[LABEL_Y, :count] = points[1, start:end]
-        x, y = points[0, start:end], points[1, start:end]
-        solve_chunk(x, y, components, time, tolerance, 1, heads[start:end], scratch)
-        for i in range(count):
-            heads[start + i] += level - points[2, start + i]
-            scratch[DEPTH, i] = max(heads[start + i], 0.0)
-        water_velocities(count, components, time, scratch)
-        velocities[:, start:end] = scratch[SPEED_X : SPEED_Z + 1, :count]
-    motion[:3] = velocities[:, total - 1]
-    last = scratch[:, count - 1]
-    water_acceleration(last[LABEL_X], last[LABEL_Y], last[DEPTH], components, time, motion[3:])
-
-
-@kernel
-def choose_elements(elements, crest, position, rotation, points, chosen):
-    """Points (3, N) in the world and numbers (N,) of the elements that a sea whose highest crest
-    is at a height `crest` can wet, and of the last element in any case; returns how many."""
-    count = elements.shape[1]
-    active = 0
-    r = rotation
-    for i in range(count):
-        px, py, pz = elements[POINT_X, i], elements[POINT_Y, i], elements[POINT_Z, i]
-        for j in range(3):
-            points[j, active] = position[j] + (r[j, 0] * px + r[j, 1] * py + r[j, 2] * pz)
-        chosen[active] = i
-        active += points[2, active] < crest + elements[RADIUS, i] or i == count - 1
-    return active
-
-
-@kernel
-def drag_wrench(
-    elements, pressures, components, tolerance, level, amplitude,
-    position, rotation, velocity, time, wrench, damping, motion,
+def hull_drag(
+    elements, pressures, components, residual, steps, level, position, rotation, velocity, time,
+    factor, work, scratch, wrench, damping,
 ):  # fmt: skip
-    """See Drag.add_drag; of damping the lower triangle is added to."""
+    """Add a hull's drag to wrench (6,) and factor * - d wrench / d velocity to the lower triangle
+    of damping (6, 6): these and velocity (6,) along the axes of the hull frame."""
     count = elements.shape[1]
-    points, water = np.empty((3, count)), np.empty((3, count))
-    heads, chosen = np.empty(count), np.empty(count, np.int64)
-    active = choose_elements(elements, level + amplitude, position, rotation, points, chosen)
-    find_water(points[:, :active], components, tolerance, level, time, heads, water, motion)
-    arm, u, normal = np.empty(3), np.empty(3), np.empty(3)
-    for i in range(active - 1):
-        element = elements[:, chosen[i]]
-        # An element gets wet over its own size, so that no force jumps.
-        wet = min(max(0.5 + 0.5 * heads[i] / element[RADIUS], 0.0), 1.0)
-        if wet == 0.0:
-            continue
-        for j in range(3):
-            arm[j] = points[j, i] - position[j]
-            normal[j] = (
-                rotation[j, 0] * element[NORMAL_X]
-                + rotation[j, 1] * element[NORMAL_Y]
-                + rotation[j, 2] * element[NORMAL_Z]
-            )
-        ux, uy, uz = cross(velocity[3], velocity[4], velocity[5], arm[0], arm[1], arm[2])
-        u[0] = velocity[0] + ux - water[0, i]
-        u[1] = velocity[1] + uy - water[1, i]
-        u[2] = velocity[2] + uz - water[2, i]
-        add_element(normal, arm, wet * element[AREA], u, pressures, wrench, damping)
-
-
-@kernel
-def to_world(matrix, rotation, out):
-    """out = diag(R, R) matrix diag(R, R)^T for (6, 6) matrices."""
-    half = np.zeros((6, 6))
-    out[:] = 0.0
-    for i in range(6):
-        for j in range(6):
-            block = j // 3 * 3
-            for k in range(3):
-                half[i, j] += matrix[i, block + k] * rotation[j - block, k]
-    for i in range(6):
-        block = i // 3 * 3
-        for j in range(6):
-            for k in range(3):
-                out[i, j] += rotation[i - block, k] * half[block + k, j]
-
-
-@kernel
-def add_added_mass(matrix, rotation, velocity, motion, wrench, inertia):
-    """Add a hull's added mass (6, 6) [body frame, wet] to inertia, in world axes, and to wrench
-    what does not depend on the body's acceleration: the water's own, and Kirchhoff's terms."""
-    world = np.empty((6, 6))
-    to_world(matrix, rotation, world)
-    u = velocity.copy()
-    u[:3] -= motion[:3]
-    ux, uy, uz = cross(u[3], u[4], u[5], u[0], u[1], u[2])
-    turning = (motion[3] + ux, motion[4] + uy, motion[5] + uz)
-    momentum = np.zeros(6)
-    for i in range(6):
-        for j in range(6):
-            momentum[i] += world[i, j] * u[j]
-            inertia[i, j] += world[i, j]
-        for j in range(3):
-            wrench[i] += world[i, j] * turning[j]
-    fx, fy, fz = cross(u[3], u[4], u[5], momentum[0], momentum[1], momentum[2])
-    tx, ty, tz = cross(u[3], u[4], u[5], momentum[3], momentum[4], momentum[5])
-    mx, my, mz = cross(u[0], u[1], u[2], momentum[0], momentum[1], momentum[2])
-    wrench[0] -= fx
-    wrench[1] -= fy
-    wrench[2] -= fz
-    wrench[3] -= tx + mx
-    wrench[4] -= ty + my
-    wrench[5] -= tz + mz
-
-
-@kernel
-def solve_symmetric(matrix, vector):
-    """Solve a symmetric positive definite system (6, 6) by Cholesky's method, in place; of the
-    matrix the lower triangle is read."""
-    n = vector.size
-    for j in range(n):
-        for k in range(j):
-            matrix[j, j] -= matrix[j, k] * matrix[j, k]
-        matrix[j, j] = np.sqrt(matrix[j, j])
-        for i in range(j + 1, n):
-            for k in range(j):
-                matrix[i, j] -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] /= matrix[j, j]
-    for i in range(n):
-        for k in range(i):
-            vector[i] -= matrix[i, k] * vector[k]
-        vector[i] /= matrix[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            vector[i] -= matrix[k, i] * vector[k]
-        vector[i] /= matrix[i, i]
-
-
-@kernel
-def dry_inertia(mass, principal, rotation, out):
-    """Inertia (6, 6) of a rigid body about its centre of mass, world axes."""
-    out[:] = 0.0
-    for i in range(3):
-        out[i, i] = mass
-        for j in range(3):
-            for k in range(3):
-                out[3 + i, 3 + j] += rotation[i, k] * principal[k] * rotation[j, k]
-
-
-@kernel
-def add_angular(rate, principal, rotation, velocity, wrench, damping):
-    """Add the decay of the angular momentum at a rate [1/s]."""
-    dry = np.empty((6, 6))
-    dry_inertia(0.0, principal, rotation, dry)
-    for i in range(3, 6):
-        for j in range(3, 6):
-            wrench[i] -= rate * dry[i, j] * velocity[j]
-            damping[i, j] += rate * dry[i, j]
-
-
-@kernel
-def accelerated_wrench(
-    mass, principal, rotation, velocity, timestep, known, fluid, damping, added, free
-):
-    """What to hand over as `fluid`: (6,), overwritten, so that the body accelerates as the
-    linearly implicit step says.
-
-    known: (6,) the other forces, gravity included; fluid: buoyancy, drag and what the added mass
-    adds to them; damping, added: (6, 6). For a body that is not free, fluid is drag alone.
-    """
-    dry = np.empty((6, 6))
-    dry_inertia(mass, principal, rotation, dry)
-    lx, ly, lz = 0.0, 0.0, 0.0
-    for j in range(3):
-        lx += dry[3, 3 + j] * velocity[3 + j]
-        ly += dry[4, 3 + j] * velocity[3 + j]
-        lz += dry[5, 3 + j] * velocity[3 + j]
-    rest = np.zeros(6)
-    if free:
-        bx, by, bz = cross(velocity[3], velocity[4], velocity[5], lx, ly, lz)
-        rest[:] = known
-        rest[3] -= bx
-        rest[4] -= by
-        rest[5] -= bz
-    acceleration = fluid + rest
-    matrix = dry + added + timestep * damping
-    solve_symmetric(matrix, acceleration)
-    for i in range(6):
-        fluid[i] = -rest[i]
-        for j in range(6):
-            fluid[i] += dry[i, j] * acceleration[j]
+    place_elements(elements, position, rotation, work, scratch)
+    x, y, heads = work[WORLD_X, :count], work[WORLD_Y, :count], work[HEAD, :count]
+    solve_chunk(x, y, components, time, residual, steps, heads, scratch)
+    if wet_areas(elements, level, work, scratch) == 0.0:
+        return
+    water_velocities(count, components, time, scratch)
+    element_forces(elements, pressures, rotation, velocity, work, scratch)
+    add_wrench(elements, work, wrench)
+    add_squares(elements, elements[NORMAL_X:AREA], work[ACROSS, :count], factor, damping)
+    if pressures[2] > 0.0:
+        add_squares(elements, work[SKIN_X:ACROSS], work[ALONG, :count], factor, damping)
+        add_rub(elements, work[RUB, :count], factor, damping)

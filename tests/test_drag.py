@@ -152,6 +152,28 @@ def test_water_moves_as_in_gerstners_wave(rest_depth, error):
             assert np.linalg.norm(value - expected) < allowed * unit
 
 
+SEAS = {
+    "three waves": three_waves(),
+    "steep": Sea([Wave(0.35, 4.0), Wave(0.1, 2.4, 0.96, 0.7), Wave(0.0309, 1.4, -1.1, 1.9)]),
+    "forty waves": Sea.jonswap(significant_height=0.5, peak_period=4.0, seed=1),
+}
+
+
+@pytest.mark.parametrize("name", SEAS)
+def test_the_water_is_known_to_the_error_that_drag_allows(name):
+    """As many Newton steps as the sea asks for leave what twice as many do, up to 1 % of the drag
+    that the same motion meets in calm water well below the surface."""
+    hull, coefficients = Hull.from_trimesh(load_mesh("bunny")), DragCoefficients(0.2, 1.0, 0.005)
+    drag, exact = (Drag(hull, SEAS[name], coefficients) for _ in range(2))
+    exact.label_steps *= 2
+    submerged = Drag(hull, CALM, coefficients)
+    for position, rotation, velocity, time in random_states(20):
+        found, _, _ = evaluate(drag, velocity, position, rotation, time)
+        expected, _, _ = evaluate(exact, velocity, position, rotation, time)
+        scale, _, _ = evaluate(submerged, velocity, DEEP, rotation)
+        assert np.linalg.norm(found - expected) < 0.01 * np.linalg.norm(scale)
+
+
 def test_forces_do_not_jump_as_elements_get_wet():
     drag = Drag(cube_hull(), CALM, ALL_TERMS)
     heights = np.linspace(-0.7, 0.7, 2001)
