@@ -43,9 +43,9 @@ from sim.gerstner import (
     HEIGHT,
     LABEL_X,
     LABEL_Y,
+    LANES,
     OFFSET_X,
     OFFSET_Y,
-    PLAIN_STEPS,
     RESIDUAL,
     SCRATCH_ROWS,
     TURNS,
@@ -53,10 +53,9 @@ from sim.gerstner import (
     TURNS_Y,
     WAVENUMBER,
     kernel,
-    newton_update,
     sine_cosine,
     solve_chunk,
-    wave_sums,
+    summing_kernel,
 )
 from sim.hull import Hull
 from sim.sea import Sea
@@ -71,14 +70,8 @@ LABEL_ERROR = 0.02
 """Largest error of the labels above the elements, in hull lengths or in radians of the waves'
 phase: the water's velocity is then right to some 2 %, where drag coefficients are to 20 %."""
 
-SAMPLES = 2048
-"""Particles, of all phases, on which the Newton steps that this takes are counted."""
-
 SAFETY = 1.5
 """A residual this many times the largest of the samples makes the solver go on."""
-
-LANES = 8
-"""Loops over elements run over multiples of this, so that none is left to a scalar remainder."""
 
 SYMMETRY = 1e-9
 """Relative round-off that a symmetric, positive semidefinite matrix given in decimals may have."""
@@ -93,9 +86,6 @@ POINT_X, POINT_Y, POINT_Z, NORMAL_X, NORMAL_Y, NORMAL_Z, AREA, RADIUS = range(8)
 WORLD_X, WORLD_Y, WORLD_Z, HEAD, WET = range(5)
 FORCE_X, FORCE_Y, FORCE_Z, SKIN_X, SKIN_Y, SKIN_Z, ACROSS, ALONG, RUB = range(5, 14)
 WORK_ROWS = 14
-
-# In a sum of many elements the compiler may change the order, or the loop would not vectorise.
-summing_kernel = njit(cache=True, fastmath={"contract", "reassoc"}, error_model="numpy")
 
 
 @dataclass(frozen=True)
@@ -312,18 +302,8 @@ def label_steps(sea: Sea, size: float) -> tuple[int, float]:
         return 1, np.inf
     wavenumber = np.linalg.norm(sea.components[:, WAVENUMBER] * speeds) / np.linalg.norm(speeds)
     allowed = LABEL_ERROR * min(size, 1.0 / wavenumber)
-    span = 1000.0 * max(wave.wavelength for wave in sea.waves)
-    labels = np.random.default_rng(0).uniform(-span, span, (SAMPLES, 2))
-    x, y = sea.particles(labels, 0.0)[:, :2].T.copy()
-    heights, scratch = np.empty(SAMPLES), np.empty((SCRATCH_ROWS, SAMPLES))
-    scratch[LABEL_X], scratch[LABEL_Y] = x, y
-    steps, missed = 0, np.inf
-    while missed > allowed and steps < PLAIN_STEPS:
-        wave_sums(SAMPLES, sea.components, 0.0, scratch)
-        newton_update(x, y, heights, scratch)
-        missed = np.hypot(scratch[LABEL_X] - labels[:, 0], scratch[LABEL_Y] - labels[:, 1]).max()
-        steps += 1
-    return steps, SAFETY * float(np.sqrt(scratch[RESIDUAL].max()))
+    steps, residual = sea.newton_steps(allowed)
+    return steps, SAFETY * residual
 
 
 @njit(inline="always")
@@ -363,7 +343,7 @@ def water_velocities(count, components, time, scratch):
 @kernel
 def water_motion(point, components, tolerance, level, time, motion):
     """Velocity [m/s] and acceleration [m/s^2] of the water at a point (3,) into motion (6,)."""
-    scratch, height = np.empty((SCRATCH_ROWS, 1)), np.empty(1)
+    scratch, height = np.empty((SCRATCH_ROWS, LANES)), np.empty(1)
     scratch[LABEL_X, 0], scratch[LABEL_Y, 0] = point[0], point[1]
     solve_chunk(point[:1], point[1:2], components, time, tolerance, 1, height, scratch)
     scratch[DEPTH, 0] = depth = max(height[0] + level - point[2], 0.0)

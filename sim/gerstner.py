@@ -37,8 +37,8 @@ ROUND_OFF = 1e-15
 out is closed there."""
 
 CHUNK = 248
-"""Points solved together: their scratch (`SCRATCH_ROWS` rows) fits the second-level cache. Not a power
-of two, because rows a power of two apart would fight for the same lines of the first."""
+"""Points solved together: their scratch (`SCRATCH_ROWS` rows) fits the second-level cache. Not a
+power of two, because rows a power of two apart would fight for the same lines of the first."""
 
 # Columns of the components of a sea, one row a wave (see Sea.components).
 TURNS_X, TURNS_Y, TURNS, FREQUENCY, AMPLITUDE, WAVENUMBER, DIRECTION_X, DIRECTION_Y = range(8)
@@ -91,6 +91,9 @@ COSINE = (
 # Contraction (fused multiply-add) is the only liberty the compiler gets: full fastmath would
 # break the range reduction below and make isnan(nan) false.
 kernel = njit(cache=True, fastmath={"contract"}, error_model="numpy")
+
+# Long sums are another matter: only in any order do they vectorise.
+summing_kernel = njit(cache=True, fastmath={"contract", "reassoc"}, error_model="numpy")
 
 
 @njit(inline="always")
@@ -257,14 +260,17 @@ def fill_up(count, scratch):
 
 
 @kernel
-def solve_chunk(x, y, components, time, tolerance, heights, scratch):
-    """Invert the Gerstner map for up to CHUNK points, starting from the labels in the scratch;
-    leaves the labels there and the heights above the level [m] in `heights`. Takes plain
-    steps until the residuals are below the tolerance [m]."""
+def solve_chunk(x, y, components, time, tolerance, at_least, heights, scratch):
+    """Invert the Gerstner map for up to CHUNK points, starting from the labels in the scratch,
+    which has room for whole LANES; leaves the labels there and the heights above the level [m]
+    in `heights`. Takes `at_least` so many plain steps, then until the residuals are below the
+    tolerance [m]."""
     count, filled = x.size, fill_up(x.size, scratch)
-    for _ in range(PLAIN_STEPS):
+    for step in range(1, PLAIN_STEPS + 1):
         wave_sums(filled, components, time, scratch)
         newton_update(x, y, heights, scratch)
+        if step < at_least:
+            continue
         unsolved = 0
         for i in range(count):
             unsolved += not is_solved(x[i], y[i], scratch[RESIDUAL, i], tolerance)
@@ -287,14 +293,14 @@ def solve_heights(x, y, components, time, tolerance, heights):
         scratch[LABEL_X, : end - start] = x[start:end]
         scratch[LABEL_Y, : end - start] = y[start:end]
         chunk = slice(start, end)
-        solve_chunk(x[chunk], y[chunk], components, time, tolerance, heights[chunk], scratch)
+        solve_chunk(x[chunk], y[chunk], components, time, tolerance, 1, heights[chunk], scratch)
 
 
 @kernel
 def slopes_from_sums(count, scratch):
     """Gradients G = J^-1 sum d k a cos(theta) into the SLOPE rows, and into the BEND rows
 
-        M = - sum d d^T k^2 a (sin(theta) - (G . d) cos(theta)).
+    M = - sum d d^T k^2 a (sin(theta) - (G . d) cos(theta)).
     """
     for i in range(count):
         gx, gy = newton_step(i, scratch[SLOPE_X, i], scratch[SLOPE_Y, i], scratch)
@@ -430,7 +436,7 @@ def solve_jets(x, y, components, time, tolerance, steps, jets):
             newton_update(px, py, heights, scratch)
         jet_sums(filled, components, time, scratch)
         if not largest_residual(px, py, scratch) <= tolerance * tolerance:
-            solve_chunk(px, py, components, time, tolerance, heights[:count], scratch)
+            solve_chunk(px, py, components, time, tolerance, 1, heights[:count], scratch)
             jet_sums(filled, components, time, scratch)
         slopes_from_sums(filled, scratch)
         third_from_sums(filled, scratch)

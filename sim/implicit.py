@@ -38,8 +38,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.drag import LANES, RADIUS, WORK_ROWS, Drag, hull_drag, water_motion
-from sim.gerstner import SCRATCH_ROWS, kernel
+from sim.drag import RADIUS, WORK_ROWS, Drag, hull_drag, water_motion
+from sim.gerstner import LANES, SCRATCH_ROWS, kernel
 from sim.triangle import cross
 
 Array = NDArray[np.float64]

@@ -24,15 +24,26 @@ from sim.gerstner import (
     JET_XY,
     JET_Y,
     JET_YY,
+    LABEL_X,
+    LABEL_Y,
+    PLAIN_STEPS,
+    RESIDUAL,
+    SCRATCH_ROWS,
     TURNS,
     TURNS_X,
     TURNS_Y,
+    newton_update,
     solve_heights,
     solve_jets,
+    wave_sums,
 )
 from sim.spectrum import WIDEST_SPREAD, equal_energy_frequencies, equal_share_angles
 
 Array = NDArray[np.float64]
+
+SAMPLES = 2048
+"""Particles on which numbers are found that have no useful bound, such as how many Newton steps it
+takes: where many waves would have to conspire, bounds are several times too careful."""
 
 ELEVATION_ERROR = 1e-13
 """Error [m] that the solver leaves in an elevation, apart from the round-off of the position. It
@@ -216,6 +227,30 @@ class Sea:
         """
         total = sum(w.wavenumber**2 * w.amplitude for w in self.waves)
         return float(total / (1.0 - self.steepness) ** 3)
+
+    def sample_places(self) -> tuple[Array, Array]:
+        """Places x, y (SAMPLES,) [m] at time 0 of particles whose labels are spread over many
+        wavelengths: all phases alike, and most of them where particles crowd, at the crests."""
+        return tuple(self.particles(self._sample_labels(), 0.0)[:, :2].T.copy())
+
+    def newton_steps(self, error: float) -> tuple[int, float]:
+        """Newton steps, from the place itself, that bring the labels of all samples within an
+        error [m] of the true ones, and the largest residual [m] that was left before the last of
+        them. Taking as many everywhere leaves a smooth function of the place."""
+        labels, (x, y) = self._sample_labels(), self.sample_places()
+        heights, scratch = np.empty(SAMPLES), np.empty((SCRATCH_ROWS, SAMPLES))
+        scratch[LABEL_X], scratch[LABEL_Y] = x, y
+        steps, missed = 0, np.inf
+        while missed > error and steps < PLAIN_STEPS:
+            wave_sums(SAMPLES, self.components, 0.0, scratch)
+            newton_update(x, y, heights, scratch)
+            missed = np.hypot(*(scratch[LABEL_X : LABEL_Y + 1] - labels.T)).max()
+            steps += 1
+        return steps, float(np.sqrt(scratch[RESIDUAL].max()))
+
+    def _sample_labels(self) -> Array:
+        span = 1000.0 * max((wave.wavelength for wave in self.waves), default=1.0)
+        return np.random.default_rng(0).uniform(-span, span, (SAMPLES, 2))
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
         """Height z of the surface [m] above the points (x, y) at a time.

@@ -124,8 +124,9 @@ def _split(corners: Array, edge: float) -> Array:
 def monomials(d: Array) -> Array:
     """The monomials (..., MONOMIALS) at places (..., 3)."""
     x, y, z = np.moveaxis(d, -1, 0)
-    xx, xy, xz, yy, yz, zz = second = x * x, x * y, x * z, y * y, y * z, z * z
-    third = x * xx, y * xx, z * xx, x * yy, x * yz, x * zz, y * yy, z * yy, y * zz, z * zz
+    xx, yy, zz = x * x, y * y, z * z
+    second = xx, x * y, x * z, yy, y * z, zz
+    third = x * xx, y * xx, z * xx, x * yy, x * y * z, x * zz, y * yy, z * yy, y * zz, z * zz
     return np.stack([np.ones_like(x), x, y, z, *second, *third], axis=-1)
 
 
@@ -294,7 +295,8 @@ def packed(
     argument handed to a kernel costs a tenth of a microsecond."""
     counts = [len(a) for a in (tree.patches, tree.nodes, tree.places, instances, components)]
     setting = np.array([residual, amplitude, scale])
-    reals = (setting, components, tree.nodes, tree.linear_moments, tree.leaf_records(), tree.patches)
+    moments = tree.linear_moments
+    reals = (setting, components, tree.nodes, moments, tree.leaf_records(), tree.patches)
     integers = (np.array([*counts, steps]), instances, tree.patch_nodes, tree.triangles)
     return (
         np.concatenate([array.ravel() for array in reals]),

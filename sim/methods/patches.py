@@ -46,15 +46,9 @@ from sim.gerstner import (
     JET_Y,
     JET_YY,
     JET_YYY,
-    LABEL_X,
-    LABEL_Y,
-    PLAIN_STEPS,
-    RESIDUAL,
-    SCRATCH_ROWS,
     kernel,
-    newton_update,
     solve_jets,
-    wave_sums,
+    summing_kernel,
 )
 from sim.hull import Hull
 from sim.methods.linear import placed
@@ -85,9 +79,8 @@ DEFAULT_TOLERANCE = 1.0 / 250.0
 """Of the hull's longest side. Errors of patches cancel: this much water height leaves some 1e-4 of
 the weight of the displaced water, about what linear has on a mesh of 4000 triangles."""
 
-SAMPLES, DIRECTIONS = 2048, 8
-"""Places and directions in which jets are tried on the sea, spread evenly over the particles:
-crests, where jets are worst, are where particles crowd."""
+DIRECTIONS = 8
+"""Directions in which jets are tried on the samples of the sea."""
 
 SAFETY = 1.5
 """The worst place of the sea may be this much worse than the worst sample."""
@@ -95,9 +88,6 @@ SAFETY = 1.5
 CARRY = 0.05
 """A jet may come from a particle so many radii away from the patch's centre: the solve for it then
 ends early, and patches are by that much smaller."""
-
-# A kernel whose sums the compiler may reorder, which is what it takes to vectorise them.
-summing = njit(cache=True, fastmath={"contract", "reassoc"}, error_model="numpy")
 
 # What a polynomial has behind its coefficients: bounds on its second and third order terms over
 # the second and third power of the distance.
@@ -130,6 +120,11 @@ class Patches:
         self.radius = patch_radius(sea, self.tolerance, side)
         self.tree = build_tree(hull, self.radius, longest_edge(sea, self.tolerance))
         self._fleet = PatchFleet([self], [0], [0])
+
+    @property
+    def jet_reach(self) -> float:
+        """Distance [m] over which the sea's jets have to hold for this hull."""
+        return self.radius if np.isfinite(self.radius) else float(self.tree.patches[0, 3])
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
         """Force [N] and torque [N m] about the position, world axes: (6,).
@@ -164,8 +159,8 @@ class PatchFleet:
                 for w, pose, row in zip(which, poses, rows, strict=True)
             ]
         )
-        residual = CARRY * min(float(tree.patches[:, 3].max()) for tree in trees)
-        steps = jet_steps(sea, residual)
+        residual = CARRY * min(method.jet_reach for method in methods)
+        steps, _ = sea.newton_steps(residual / SAFETY)
         scale = -sea.density * sea.gravity
         self._level = sea.level
         self.packed = packed(
@@ -188,7 +183,7 @@ def patch_radius(sea: Sea, tolerance: float, largest: float) -> float:
     """
     if not sea.components.size:
         return np.inf
-    x, y = _sample_places(sea).T.copy()
+    x, y = sea.sample_places()
     jets = np.empty((JET_ROWS, x.size))
     solve_jets(x, y, sea.components, 0.0, sea.residual_tolerance, 0, jets)
     radius = largest
@@ -199,13 +194,6 @@ def patch_radius(sea: Sea, tolerance: float, largest: float) -> float:
         # error ~ radius^4 where it is small; a hair less, so that the next try passes
         radius *= 0.99 * (tolerance / error) ** 0.25
     return radius
-
-
-def _sample_places(sea: Sea) -> Array:
-    """Places (SAMPLES, 2) [m] of particles whose labels are spread over many wavelengths."""
-    span = 1000.0 * max(wave.wavelength for wave in sea.waves)
-    labels = np.random.default_rng(0).uniform(-span, span, (SAMPLES, 2))
-    return sea.particles(labels, 0.0)[:, :2]
 
 
 def _jet_error(sea: Sea, x: Array, y: Array, jets: Array, radius: float) -> float:
@@ -230,26 +218,9 @@ def longest_edge(sea: Sea, tolerance: float) -> float:
     """
     if not sea.components.size:
         return np.inf
-    places = _sample_places(sea)
-    hessians = sea.hessian(places[:, 0], places[:, 1], 0.0)
+    hessians = sea.hessian(*sea.sample_places(), 0.0)
     largest = SAFETY * float(np.abs(np.linalg.eigvalsh(hessians)).max())
     return np.sqrt(6.0 * tolerance / largest) if largest > 0.0 else np.inf
-
-
-def jet_steps(sea: Sea, residual: float) -> int:
-    """Newton steps that leave all samples a residual below this one [m]. Taking as many for every
-    patch, whatever its residual, keeps the wrench a smooth function of the pose."""
-    if not sea.components.size:
-        return 0
-    x, y = _sample_places(sea).T.copy()
-    scratch, heights = np.zeros((SCRATCH_ROWS, SAMPLES)), np.empty(SAMPLES)
-    scratch[LABEL_X], scratch[LABEL_Y] = x, y
-    for steps in range(PLAIN_STEPS):
-        wave_sums(SAMPLES, sea.components, 0.0, scratch)
-        newton_update(x, y, heights, scratch)
-        if SAFETY * np.sqrt(scratch[RESIDUAL].max()) <= residual:
-            return steps
-    return PLAIN_STEPS
 
 
 @kernel
@@ -273,6 +244,12 @@ def reachable_patches(
     return active, nodes
 
 
+@njit(inline="always")
+def squared(x, y, z):
+    """Coefficients of xx, xy, xz, yy, yz, zz in the square of a linear form."""
+    return x * x, 2.0 * x * y, 2.0 * x * z, y * y, 2.0 * y * z, z * z
+
+
 @kernel
 def head_polynomials(jets, z, poses, rotations, polynomials):
     """Coefficients and bounds (N, POLYNOMIAL_COLUMNS) in the body frame of the heads around places
@@ -281,14 +258,14 @@ def head_polynomials(jets, z, poses, rotations, polynomials):
     for i in range(z.size):
         r, q = rotations[poses[i]], polynomials[i]
         gx, gy = jets[JET_X, i], jets[JET_Y, i]
+        # the horizontal coordinates are the linear forms a . d and b . d
         ax, ay, az, bx, by, bz = r[0], r[1], r[2], r[3], r[4], r[5]
         q[0] = jets[JET_HEIGHT, i] - z[i]
         q[1] = gx * ax + gy * bx - r[6]
         q[2] = gx * ay + gy * by - r[7]
         q[3] = gx * az + gy * bz - r[8]
-        # a . d and b . d are the horizontal coordinates; their squares' coefficients:
-        axx, axy, axz, ayy, ayz, azz = ax * ax, 2 * ax * ay, 2 * ax * az, ay * ay, 2 * ay * az, az * az
-        bxx, bxy, bxz, byy, byz, bzz = bx * bx, 2 * bx * by, 2 * bx * bz, by * by, 2 * by * bz, bz * bz
+        axx, axy, axz, ayy, ayz, azz = squared(ax, ay, az)
+        bxx, bxy, bxz, byy, byz, bzz = squared(bx, by, bz)
         xx, xy, yy = 0.5 * jets[JET_XX, i], jets[JET_XY, i], 0.5 * jets[JET_YY, i]
         q[4] = xx * axx + yy * bxx + xy * ax * bx
         q[5] = xx * axy + yy * bxy + xy * (ax * by + ay * bx)
@@ -378,7 +355,7 @@ def add_six(body, b0, b1, b2, b3, b4, b5):
     body[3], body[4], body[5] = body[3] + b3, body[4] + b4, body[5] + b5
 
 
-@summing
+@summing_kernel
 def add_wet_nodes(wet, linear_moments, bending_moments, chosen, polynomials, body):
     """Add the moments of the surely wet nodes to their instances' sums body (H, 6)."""
     for n in range(wet.shape[0]):
@@ -440,7 +417,7 @@ def add_wet_vertices(heads, record, body):
     return wet / total
 
 
-@summing
+@summing_kernel
 def add_opened_leaves(opened, records, triangles, chosen, polynomials, heads, cut, body):
     """Add the leaves that the waterline may cross to their instances' sums body (H, 6), as if
     their triangles reached down to the last wet vertex: over the wet vertices, and the polynomial's
@@ -471,8 +448,9 @@ def subtract_dry_parts(cut, opened, records, heads, patches, chosen, body):
     """Take from the sums over wet vertices what the clip takes of the triangles that are cut. A
     loop of their own, because nothing in it depends on which they are."""
     for n in range(cut.shape[0]):
-        code, leaf, i = cut[n, 0], opened[cut[n, 1], 0], opened[cut[n, 1], 1]
-        head, d, patch, total = heads[cut[n, 1]], records[leaf], patches[chosen[i, 0]], body[chosen[i, 1]]
+        code, at = cut[n, 0], cut[n, 1]
+        head, d, i = heads[at], records[opened[at, 0]], opened[at, 1]
+        patch, total = patches[chosen[i, 0]], body[chosen[i, 1]]
         wet_a = head[code & 255] > 0.0
         wet_b, wet_c = head[code >> 8 & 255] > 0.0, head[code >> 16 & 255] > 0.0
         # turned so that the only wet or the only dry corner comes first
@@ -493,6 +471,18 @@ def subtract_dry_parts(cut, opened, records, heads, patches, chosen, body):
             total, -0.5 * share * sx, -0.5 * share * sy, -0.5 * share * sz,
             -0.5 * tx, -0.5 * ty, -0.5 * tz,
         )  # fmt: skip
+
+
+@njit(inline="always")
+def add_turned(body, position, rotation, scale, row):
+    """Add an instance's sums (6,), turned into the world and scaled, to a row of the wrenches."""
+    if not np.isfinite(np.sum(position) + np.sum(rotation)):
+        scale = np.nan  # else no node would be wet and the hull would seem to be dry
+    for j in range(3):
+        for k in range(3):
+            factor = scale * rotation[3 * j + k]
+            row[j] += factor * body[k]
+            row[3 + j] += factor * body[3 + k]
 
 
 @kernel
@@ -517,13 +507,15 @@ def fleet_wrenches(reals, singles, integers, positions, rotations, level, time, 
     wet_count, count = walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened)
     body = np.zeros((instances.shape[0], 6))
     add_wet_nodes(wet[:wet_count], linear_moments, bending_moments, chosen, polynomials, body)
-    heads, cut = np.empty((count, LEAF_VERTICES)), np.empty((count * LEAF_TRIANGLES + 1, 2), np.int64)
+    heads = np.empty((count, LEAF_VERTICES))
+    cut = np.empty((count * LEAF_TRIANGLES + 1, 2), np.int64)
     cut_count = add_opened_leaves(
         opened[:count], records, triangles, chosen, polynomials, heads, cut, body
     )
     subtract_dry_parts(cut[:cut_count], opened, records, heads, patches, chosen, body)
     for i in range(instances.shape[0]):
-        add_turned(body[i], positions[instances[i, 2]], rotations[instances[i, 2]], scale, out[instances[i, 3]])
+        pose, row = instances[i, 2], instances[i, 3]
+        add_turned(body[i], positions[pose], rotations[pose], scale, out[row])
 
 
 @kernel
@@ -533,15 +525,3 @@ def hull_wrench(reals, singles, integers, position, rotation, level, time):
     positions, rotations = position.reshape(1, 3), rotation.reshape(1, 9)
     fleet_wrenches(reals, singles, integers, positions, rotations, level, time, out)
     return out[0]
-
-
-@njit(inline="always")
-def add_turned(body, position, rotation, scale, row):
-    """Add an instance's sums (6,), turned into the world and scaled, to a row of the wrenches."""
-    if not np.isfinite(np.sum(position) + np.sum(rotation)):
-        scale = np.nan  # else no node would be wet and the hull would seem to be dry
-    for j in range(3):
-        for k in range(3):
-            factor = scale * rotation[3 * j + k]
-            row[j] += factor * body[k]
-            row[3 + j] += factor * body[3 + k]
