@@ -47,7 +47,10 @@ QUADRATICS = 8
 WEIGHTS = 3 * LEAF_VERTICES
 BENDS = WEIGHTS + 6 * LEAF_VERTICES
 MIDDLE = BENDS + 6 * QUADRATICS
-RECORD = MIDDLE + 3
+RECORD = MIDDLE + 8
+
+CACHE_LINE = 64
+"""Bytes."""
 
 # Columns of PatchTree.nodes after the box: a node's numbers are kept as reals so that all a walk
 # needs of it is one line of the cache.
@@ -83,7 +86,9 @@ class PatchTree:
     def leaf_records(self) -> Array:
         """All reals of a leaf in one row (L, RECORD), for the cache's sake."""
         parts = (self.places, self.weights, self.bends, self.middles)
-        return np.hstack([part.reshape(len(part), -1) for part in parts])
+        records = np.zeros((len(self.places), RECORD))
+        records[:, : MIDDLE + 3] = np.hstack([part.reshape(len(part), -1) for part in parts])
+        return records
 
 
 def triangle_codes(corners: Integers) -> Integers:
@@ -296,13 +301,22 @@ def packed(
     counts = [len(a) for a in (tree.patches, tree.nodes, tree.places, instances, components)]
     setting = np.array([residual, amplitude, scale])
     moments = tree.linear_moments
-    reals = (setting, components, tree.nodes, moments, tree.leaf_records(), tree.patches)
-    integers = (np.array([*counts, steps]), instances, tree.patch_nodes, tree.triangles)
+    reals = (tree.nodes, moments, tree.leaf_records(), tree.patches, components, setting)
+    integers = (tree.triangles, tree.patch_nodes, instances)
     return (
-        np.concatenate([array.ravel() for array in reals]),
-        tree.bending_moments.ravel(),
-        np.concatenate([array.ravel() for array in integers]),
+        _in_lines(np.concatenate([array.ravel() for array in reals])),
+        _in_lines(tree.bending_moments.ravel()),
+        _in_lines(np.concatenate([[*counts, steps, 0, 0], *(array.ravel() for array in integers)])),
     )
+
+
+def _in_lines(array: NDArray) -> NDArray:
+    """A copy that begins where a line of the cache does, and with it each node and leaf."""
+    room = np.empty(array.nbytes + CACHE_LINE, dtype=np.uint8)
+    first = -room.ctypes.data % CACHE_LINE
+    copy = room[first : first + array.nbytes].view(array.dtype)
+    copy[:] = array
+    return copy
 
 
 @njit(inline="always")
@@ -312,22 +326,20 @@ def _block(array, start, rows, columns):
 
 
 @njit(inline="always")
-def unpacked_setting(reals, integers):
-    """Newton steps, residual, amplitude, scale, components and instances from `packed`."""
-    components, _ = _block(reals, 3, integers[4], COMPONENT_COLUMNS)
-    instances, _ = _block(integers, 6, integers[3], 4)
-    return integers[5], reals[0], reals[1], reals[2], components, instances
-
-
-@njit(inline="always")
 def unpacked(reals, singles, integers):
-    """The arrays of PatchTree from those of `packed`, a row for each patch, node or leaf."""
+    """From the arrays of `packed` those of PatchTree, a row for each patch, node or leaf, and then
+    instances, components, Newton steps, residual, amplitude and scale."""
     p, n, leaves = integers[0], integers[1], integers[2]
-    nodes, at = _block(reals, 3 + COMPONENT_COLUMNS * integers[4], n, 8)
+    h, waves, steps = integers[3], integers[4], integers[5]
+    nodes, at = _block(reals, 0, n, 8)
     linear_moments, at = _block(reals, at, n, 6 * LINEAR)
     records, at = _block(reals, at, leaves, RECORD)
     patches, at = _block(reals, at, p, 4)
+    components, at = _block(reals, at, waves, COMPONENT_COLUMNS)
+    residual, amplitude, scale = reals[at], reals[at + 1], reals[at + 2]
     bending_moments, at = _block(singles, 0, n, 6 * BENDING)
-    patch_nodes, at = _block(integers, 6 + 4 * integers[3], p, 2)
-    triangles, at = _block(integers, at, leaves, LEAF_TRIANGLES)
-    return patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles
+    triangles, at = _block(integers, 8, leaves, LEAF_TRIANGLES)
+    patch_nodes, at = _block(integers, at, p, 2)
+    instances, at = _block(integers, at, h, 4)
+    tree = patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles
+    return tree, (instances, components, steps, residual, amplitude, scale)

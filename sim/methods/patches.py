@@ -68,7 +68,6 @@ from sim.methods.patch_tree import (
     joined,
     packed,
     unpacked,
-    unpacked_setting,
 )
 from sim.sea import Sea
 from sim.triangle import clip_dry_part, cross
@@ -488,10 +487,9 @@ def add_turned(body, position, rotation, scale, row):
 @kernel
 def fleet_wrenches(reals, singles, integers, positions, rotations, level, time, out):
     """Add the wrenches of all instances of a packed fleet to out (., 6)."""
-    steps, residual, amplitude, scale, components, instances = unpacked_setting(reals, integers)
-    patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles = unpacked(
-        reals, singles, integers
-    )
+    tree, setting = unpacked(reals, singles, integers)
+    patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles = tree
+    instances, components, steps, residual, amplitude, scale = setting
     most = np.sum(instances[:, 1] - instances[:, 0])
     places, chosen = np.empty((3, most + 1)), np.empty((most + 1, 3), np.int64)
     active, most_nodes = reachable_patches(
