@@ -11,7 +11,6 @@ or in Python, with this folder on the path:
 Exit status: 0 on success, 2 on unusable input.
 """
 
-import argparse
 import sys
 import warnings
 from pathlib import Path
@@ -20,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
+from command_line import UNUSABLE_INPUT, Parser, run_script
+
 Array = NDArray[np.float64]
 
-UNUSABLE_INPUT = 2
 PLOTS, SCALARS = "/plots/", "Scalars:scalars"
 
 
@@ -63,7 +63,7 @@ def _in_order(chunks: list[tuple[Array, Array]]) -> tuple[Array, Array]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(prog="read_recording.py", description=__doc__.splitlines()[0])
     parser.add_argument("recording", type=Path, metavar="FILE.rrd", help="written by run.py")
     parser.add_argument(
         "--output", type=Path, metavar="FILE.npz", help="write each series there, (2, N)"
@@ -86,4 +86,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -30,7 +30,9 @@ from PIL import Image
 from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
-NO_PICTURE, INTERRUPTED = 2, 130
+from command_line import INTERRUPTED, Parser, run_script
+
+NO_PICTURE = 2
 
 TIMELINE = "time"
 """Name of the recording's timeline of simulated seconds."""
@@ -53,13 +55,6 @@ NO_DRIVER = ("No graphics adapter was found", "Failed to get render context")
 
 class SnapshotError(Exception):
     """Why there is no picture and what to do about it, in one line."""
-
-
-class Parser(argparse.ArgumentParser):
-    """Says what is wrong with the command line in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(NO_PICTURE, f"{self.prog}: {message} (see --help)\n")
 
 
 def side(text: str) -> int:
@@ -328,4 +323,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -29,6 +29,7 @@ from command_line import (
     at_least,
     clear_progress,
     positive,
+    run_script,
     show_progress,
 )
 from sim import Hull, Reference, Sea
@@ -247,42 +248,61 @@ def check_outputs(options: argparse.Namespace) -> None:
             path.open("a").close()
 
 
-def collect(options: argparse.Namespace) -> list[dict[str, Any]]:
-    """Measure all rows, with a progress bar where someone may be looking."""
-    rows, show = [], sys.stderr.isatty()
+def collect(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
+    """Measure all rows and add them, with a progress bar where someone may be looking."""
+    show = sys.stderr.isatty()
     total = len(options.hulls) * len(options.seas) * len(options.methods)
-    for row in measure(options):
-        rows.append(row)
+    try:
+        for row in measure(options):
+            rows.append(row)
+            if show:
+                show_progress(len(rows), total, "rows")
+    finally:
         if show:
-            show_progress(len(rows), total, "rows")
-    if show:
-        clear_progress()
-    return rows
+            clear_progress()
+
+
+def write_report(options: argparse.Namespace, report: dict[str, Any]) -> None:
+    if options.json is not None:
+        options.json.write_text(json.dumps(report, indent=2) + "\n")
+
+
+def report_rows(options: argparse.Namespace) -> int:
+    """Measure, print, draw and write; after Ctrl-C what there is. Return the exit status."""
+    rows: list[dict[str, Any]] = []
+    status = 0
+    try:
+        collect(options, rows)
+    except KeyboardInterrupt:
+        print("speed_vs_error.py: interrupted", file=sys.stderr)
+        status = INTERRUPTED
+    report = {"poses": options.poses, "seed": options.seed, "truth": TRUTH, "rows": rows}
+    write_report(options, report)
+    print_rows(rows)
+    if options.figure is not None and not status:
+        draw(rows, options.figure)
+    return status
+
+
+def report_sources(options: argparse.Namespace) -> int:
+    """The same for the other sources of error, which come all at once."""
+    report = error_sources(make_hull, options.poses, options.seed)
+    write_report(options, report)
+    print_sources(report)
+    return 0
 
 
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check_outputs(options)
-        if options.sources:
-            report = error_sources(make_hull, options.poses, options.seed)
-            print_sources(report)
-        else:
-            rows = collect(options)
-            report = {"poses": options.poses, "seed": options.seed, "truth": TRUTH, "rows": rows}
-            print_rows(rows)
-            if options.figure is not None:
-                draw(rows, options.figure)
+        return report_sources(options) if options.sources else report_rows(options)
+    except BrokenPipeError:
+        raise
     except (ValueError, OSError) as error:
         print(f"speed_vs_error.py: {error}", file=sys.stderr)
         return UNUSABLE_INPUT
-    except KeyboardInterrupt:
-        print("speed_vs_error.py: interrupted", file=sys.stderr)
-        return INTERRUPTED
-    if options.json is not None:
-        options.json.write_text(json.dumps(report, indent=2) + "\n")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -481,6 +481,10 @@ class SideBySideRecorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Write what is waiting and close the file; a second time does nothing."""
         if self._output.is_open:
             for recorder in self._recorders:
                 recorder.close()
