@@ -21,8 +21,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-
 from command_line import (
     DIVERGED,
     UNUSABLE_INPUT,
@@ -37,6 +35,9 @@ from command_line import (
     stop_signals,
     stopped_by,
 )
+
+import numpy as np
+
 from sim import DivergenceError, Sample, Scene, SideBySideRecorder, simulate
 from sim.accuracy import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
 

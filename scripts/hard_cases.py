@@ -18,11 +18,12 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from command_line import INTERRUPTED, Parser, run_script
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from command_line import INTERRUPTED, Parser, run_script
 from sim import DivergenceError, Sample, Scene, simulate
 
 Array = NDArray[np.float64]

@@ -9,10 +9,11 @@ Needs what scripts/snapshot.py needs.
 import tempfile
 from pathlib import Path
 
+from command_line import Parser, run_script
+
 from PIL import Image
 from snapshot import main as snapshot
 
-from command_line import Parser, run_script
 from sim import Recorder, Scene, simulate
 
 MODELS = Path(__file__).resolve().parents[1] / "models"

@@ -13,10 +13,10 @@ with vertical sides from the waterline up to the deck, here L : B : T = 10 : 1 :
 
 from pathlib import Path
 
+from command_line import Parser, run_script
+
 import numpy as np
 from numpy.typing import NDArray
-
-from command_line import Parser, run_script
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 

@@ -23,9 +23,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from command_line import UNUSABLE_INPUT, Parser, run_script
+
+import numpy as np
 
 if TYPE_CHECKING:
     from pymeshfix import PyTMesh

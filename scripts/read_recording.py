@@ -15,11 +15,11 @@ import sys
 import warnings
 from pathlib import Path
 
+from command_line import UNUSABLE_INPUT, Parser, run_script
+
 import numpy as np
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
-
-from command_line import UNUSABLE_INPUT, Parser, run_script
 
 Array = NDArray[np.float64]
 

@@ -28,6 +28,7 @@ from command_line import (
     stop_signals,
     stopped_by,
 )
+
 from sim import DivergenceError, Recorder, Scene, Tally, simulate
 from sim.simulation import observe
 

@@ -26,11 +26,11 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, NoReturn
 
+from command_line import INTERRUPTED, Parser, run_script
+
 from PIL import Image
 from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
-
-from command_line import INTERRUPTED, Parser, run_script
 
 NO_PICTURE = 2
 

@@ -18,10 +18,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-import trimesh
-from error_sources import error_sources, print_sources
-
 from command_line import (
     INTERRUPTED,
     UNUSABLE_INPUT,
@@ -32,6 +28,11 @@ from command_line import (
     run_script,
     show_progress,
 )
+
+import numpy as np
+import trimesh
+from error_sources import error_sources, print_sources
+
 from sim import Hull, Reference, Sea
 from sim.accuracy import SEAS, Pose, errors, time_in_turns, waterline_poses, wrenches
 from sim.methods import make_method
@@ -154,7 +155,7 @@ def measure_case(
 
 def print_rows(rows: Sequence[dict[str, Any]]) -> None:
     """The rows as tables, one for each hull in each sea."""
-    width = max(len("method"), *(len(row["method"]) for row in rows))
+    width = max(map(len, ["method", *(row["method"] for row in rows)]))
     for row in rows:
         if row["baseline"]:
             print(

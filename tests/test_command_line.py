@@ -5,10 +5,11 @@ import signal
 import subprocess
 import sys
 
-import pytest
-
 import command_line
 from command_line import run_script, stop_signals
+
+import pytest
+
 from independent import REPOSITORY, hear_ctrl_c
 
 
