@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from sim.scene import Scene
 from sim.sea import Sea
-from sim.simulation import Sample, Tally
+from sim.simulation import Sample, Tally, observe
 from sim.skin import Skin, Skins
 from sim.waterline import heads, waterlines
 
@@ -273,6 +273,8 @@ class Recorder:
         self._output = output or _Output(self.path, scene.name, _blueprint(scene), view)
         self._log_static()
         self._output.flush()
+        self._drawn(observe(scene))  # compiles what is not, before the run's time counts
+        self._trail.clear()
 
     def __enter__(self) -> "Recorder":
         return self
@@ -387,7 +389,8 @@ class Recorder:
         heights = (particles[:, 2] - sea.level) / (2.0 * highest)
         points = self._skins.placed(sample)
         depths = heads(sea, points, sample.time)
-        curves = waterlines(sea, sample.time, points, self._skins.faces, depths)
+        skins = self._skins
+        curves = waterlines(sea, sample.time, points, skins.faces, skins.across, depths)
         trail = []
         if len(sample.centres) <= MOST_PLOTTED:
             self._trail.append((sample.time, sample.centres.astype(np.float32)))
@@ -455,8 +458,8 @@ class Recorder:
             return
         wetness = np.stack([f.wetness for f in frames])
         for skin, palette in zip(self._skins, self._palettes, strict=True):
-            colours = palette[wetness[:, skin.vertices][:, skin.corner_vertices]]
-            shade = rr.Mesh3D.columns(vertex_colors=colours.ravel())
+            of_corners = np.take(wetness, skin.vertices.start + skin.corner_vertices, axis=1)
+            shade = rr.Mesh3D.columns(vertex_colors=np.take(palette, of_corners).ravel())
             send(self._entity(skin), shade.partition([len(skin.corners)] * len(frames)))
 
     def _send_lines(self, frames: list["_Frame"], send: _Send) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sim.coupling import Buoyancy
 from sim.hull import Hull
 from sim.simulation import Sample
-from sim.waterline import refined
+from sim.waterline import faces_across, refined
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -54,7 +54,8 @@ class Skin:
 class Skins:
     """The skins of all hulls of a scene, in the order of `buoyancy.floats`.
 
-    faces: (F, 3) of all of them, indices into the (V, 3) vertices that `placed` gives.
+    faces: (F, 3) of all of them, indices into the (V, 3) vertices that `placed` gives; across:
+    (F, 3), the neighbours across their edges.
     """
 
     def __init__(self, buoyancy: Buoyancy) -> None:
@@ -70,6 +71,7 @@ class Skins:
             faces.append(own_faces + count)
             count = skin.vertices.stop
         self.faces = np.concatenate(faces)
+        self.across = faces_across(self.faces)
         self.vertex_count = count
 
     def __iter__(self) -> Iterator[Skin]:
