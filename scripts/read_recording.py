@@ -18,12 +18,17 @@ from pathlib import Path
 from command_line import UNUSABLE_INPUT, Parser, run_script
 
 import numpy as np
+import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 Array = NDArray[np.float64]
 
-PLOTS, SCALARS = "/plots/", "Scalars:scalars"
+PLOTS, OTHERS = "/plots/", "/others/"
+"""Where the series of the bodies that are plotted stand, one an entity, and of the others,
+all in one."""
+
+SCALARS, NAMES = "Scalars:scalars", "SeriesLines:names"
 
 
 def read_series(path: str | Path) -> dict[str, tuple[Array, Array]]:
@@ -37,23 +42,38 @@ def read_series(path: str | Path) -> dict[str, tuple[Array, Array]]:
     if not path.is_file():
         raise FileNotFoundError(f"there is no recording {path}; make one with scripts/run.py")
     parts: dict[str, list[tuple[Array, Array]]] = {}
+    bodies: dict[str, list[str]] = {}
     try:
         with warnings.catch_warnings():
             # A run that was killed leaves no table of contents; what it recorded is all there.
             warnings.filterwarnings("ignore", message="RRD file has no footer")
-            for chunk in RrdReader(path).stream().filter(content=f"{PLOTS}**"):
-                batch = chunk.to_record_batch()
+            for chunk in RrdReader(path).stream().filter(content=[f"{PLOTS}**", f"{OTHERS}**"]):
+                batch, entity = chunk.to_record_batch(), chunk.entity_path
+                if NAMES in batch.schema.names and entity.startswith(OTHERS):
+                    (bodies[entity],) = batch.column(NAMES).to_pylist()
                 if chunk.is_static or SCALARS not in batch.schema.names:
                     continue
                 times = batch.column("time").cast("int64").to_numpy() * 1e-9  # from nanoseconds
-                values = np.ravel(batch.column(SCALARS).to_pylist())
-                name = chunk.entity_path.removeprefix(PLOTS)
-                parts.setdefault(name, []).append((times, values))
+                values = np.array(batch.column(SCALARS).to_pylist())
+                parts.setdefault(entity, []).append((times, values))
     except RuntimeError as error:
         raise ValueError(f"{path} is no recording that can be read: {error}") from None
     if not parts:
         raise ValueError(f"{path} has no series under {PLOTS}; give a recording by scripts/run.py")
-    return {name: _in_order(chunks) for name, chunks in sorted(parts.items())}
+    series = {}
+    for entity, chunks in sorted(parts.items()):
+        times, values = _in_order(chunks)
+        names = _names(entity, bodies.get(entity, []))
+        series |= {name: (times, values[:, i]) for i, name in enumerate(names)}
+    return series
+
+
+def _names(entity: str, bodies: list[str]) -> list[str]:
+    """Names of the series of an entity, which those of others do not have in their path."""
+    if entity.startswith(PLOTS):
+        return [entity.removeprefix(PLOTS)]
+    quantity, *rest = entity.removeprefix(OTHERS).split("/")
+    return ["/".join([quantity, rr.escape_entity_path_part(body), *rest]) for body in bodies]
 
 
 def _in_order(chunks: list[tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ Entities, all in world axes [m]:
     world/focus                     what the camera looks at and moves with
     plots/<quantity>/<body>         height and water height [m], tilt [deg], submerged
                                     fraction [-], vertical buoyant force [weights]
+    others/<quantity>               the same of all bodies beyond MOST_PLOTTED, in one row, named
     overview                        scene, sea, hulls and settings; at the end the means
 
 on the timelines `time` (simulated seconds) and `frame`.
@@ -61,8 +62,9 @@ MOST_SHADED_VERTICES = 20_000
 writing the colours anew takes 4 bytes for each vertex and frame."""
 
 MOST_PLOTTED = 6
-"""Bodies in the plots and the overview, the first ones; the series of the others are in the
-recording too. With more bodies than these there are no trails: they would be a thicket."""
+"""Bodies in the plots and the overview, the first ones. The series of the others are in the
+recording too, as rows of one entity: an entity each would take ten times the space. With more
+bodies than these there are no trails: they would be a thicket."""
 
 MOST_WAVES_NAMED = 4
 """Waves of a sea up to which the overview has each."""
@@ -101,7 +103,13 @@ SERIES = {
     "submerged_fraction": "plots/submerged/{}",
     "vertical_force": "plots/force/{}",
 }
-"""Entity path of every quantity of a body."""
+"""Entity path of every quantity of a body that is plotted."""
+
+OTHER_SERIES = {
+    quantity: path.replace("plots/", "others/").replace("/{}", "")
+    for quantity, path in SERIES.items()
+}
+"""Entity path of every quantity of all those that are not."""
 
 VIEWER_PORT = 9876
 """Where a Rerun viewer listens."""
@@ -113,7 +121,7 @@ a flush unanswered, so this is also how long it takes to notice that the disk is
 BATCH_SECONDS = 1.0
 """Simulated time that is sent at once, in columns: a row by itself costs ten times as much."""
 
-LONGEST_WAIT, LONGEST_WAIT_TO_VIEW = 0.5, 0.05
+LONGEST_WAIT, LONGEST_WAIT_TO_VIEW = 0.7, 0.05
 """Seconds of wall time after which what there is of a batch is sent: a run that is killed loses no
 more than that and a frame, and somebody who looks on sees it move."""
 
@@ -255,6 +263,8 @@ class Recorder:
         self._tally = Tally(scene)
         self._skins = Skins(scene.buoyancy)
         self._largest_skins = self._skins.of_bodies()
+        names = scene.buoyancy.body_names
+        self._plotted, self._others = names[:MOST_PLOTTED], names[MOST_PLOTTED:]
         self._shaded = self._skins.vertex_count <= MOST_SHADED_VERTICES
         self._palettes = [
             _palette(skin.rgba[:3], skin.rgba[:3] + WET_SHARE * (WET_TINT - skin.rgba[:3]))
@@ -364,12 +374,14 @@ class Recorder:
         )
         output.log("world/trail", trail, static=True)
         for quantity, path in SERIES.items():
-            for name, skin in zip(self.scene.buoyancy.body_names, skins, strict=True):
+            for name, skin in zip(self._plotted, skins, strict=False):
                 colour, label, width = skin.rgba[:3], name, 2.0
                 if quantity == "water_height":
                     colour, label, width = WATER_SERIES_COLOUR, f"water at {name}", 1.0
                 line = rr.SeriesLines(names=label, colors=[_rounded(colour)], widths=[width])
                 output.log(path.format(_part(name)), line, static=True)
+            if self._others:
+                output.log(OTHER_SERIES[quantity], rr.SeriesLines(names=self._others), static=True)
 
     def _entity(self, skin: Skin) -> str:
         buoyancy = self.scene.buoyancy
@@ -493,8 +505,12 @@ class Recorder:
         }
         for quantity, path in SERIES.items():
             of_bodies = np.stack(values[quantity], axis=1)
-            for name, series in zip(self.scene.buoyancy.body_names, of_bodies, strict=True):
+            for name, series in zip(self._plotted, of_bodies, strict=False):
                 send(path.format(_part(name)), rr.Scalars.columns(scalars=series))
+            if self._others:
+                rows = rr.Scalars.columns(scalars=of_bodies[MOST_PLOTTED:].T.ravel())
+                sizes = [len(self._others)] * len(samples)
+                send(OTHER_SERIES[quantity], rows.partition(sizes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -534,7 +550,7 @@ class SideBySideRecorder:
             Recorder(self.path, scene, output=_Part(self._output, _part(label)))
             for label, scene in scenes.items()
         ]
-        bodies = first.buoyancy.body_names
+        bodies = first.buoyancy.body_names[:MOST_PLOTTED]
         for label, path_of, body in product(scenes, SERIES.values(), bodies):
             name = f"water at {body}" if path_of.endswith("water") else body
             line = rr.SeriesLines(names=f"{name}, {label}")

@@ -40,6 +40,22 @@ def test_series_are_the_samples_and_go_into_arrays(tmp_path, capsys):
     np.testing.assert_array_equal(arrays["tilt/cube"], np.stack(series["tilt/cube"]))
 
 
+def test_series_of_bodies_beyond_the_plots_are_read_too(tmp_path, monkeypatch):
+    monkeypatch.setattr("sim.recording.MOST_PLOTTED", 1)
+    scene, samples = Scene.load(MODELS / "trio.xml"), []
+    with Recorder(tmp_path / "trio.rrd", scene) as recorder:
+        for sample in simulate(scene, 0.3):
+            recorder.log(sample)
+            samples.append(sample)
+    series = read_recording.read_series(tmp_path / "trio.rrd")
+    assert len(series) == 3 * 5
+    for i, body in enumerate(scene.buoyancy.body_names):
+        elevations = [s.elevations[i] for s in samples]
+        np.testing.assert_array_equal(series[f"height/{body}/water"][1], elevations)
+        fractions = [s.submerged_fractions[i] for s in samples]
+        np.testing.assert_array_equal(series[f"submerged/{body}"][1], fractions)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [(None, "there is no recording"), (b"junk", "is no recording that can be read")],

@@ -247,8 +247,12 @@ def test_many_bodies_cost_no_shading_and_only_the_first_are_plotted(tmp_path, mo
     assert trails == []
     _, (text, _) = read(path, "overview", "TextDocument:text")
     assert "and 2 more" in str(text)
-    times, _ = read(path, "plots/height/cube7", "Scalars:scalars")
-    assert len(times[np.isfinite(times)]) == 4
+    (_, names), (_, rows) = (
+        read(path, "others/height/water", component)
+        for component in ("SeriesLines:names", "Scalars:scalars")
+    )
+    assert names[0].tolist() == ["cube6", "cube7"]
+    assert np.shape(rows) == (4, 2)
 
 
 def test_viewing_without_a_screen_says_so_and_leaves_nothing(tmp_path, monkeypatch):
