@@ -61,6 +61,13 @@ MOST_SHADED_VERTICES = 20_000
 """Of all hulls together; with more of them the wet part is not told apart by colour, because
 writing the colours anew takes 4 bytes for each vertex and frame."""
 
+MOST_WATERLINE_POINTS = 4000
+"""In a frame, of all hulls together; of more only every second, third ... is kept. Each takes 12
+bytes, so a hundred finely drawn hulls would take more than the water."""
+
+FEWEST_OF_A_CURVE = 12
+"""Points that a waterline keeps in any case."""
+
 MOST_PLOTTED = 6
 """Bodies in the plots and the overview, the first ones. The series of the others are in the
 recording too, as rows of one entity: an entity each would take ten times the space. With more
@@ -413,7 +420,7 @@ class Recorder:
             sample=sample,
             particles=particles.astype(np.float32),
             heights=_shades(heights),
-            curves=[curve.astype(np.float32) for curve in curves],
+            curves=[curve.astype(np.float32) for curve in thinned(curves)],
             wetness=_shades(depths * self._wetness_per_metre) if self._shaded else None,
             trail=trail,
         )
@@ -618,6 +625,18 @@ def _open_viewer() -> None:
 
 def _rounded(colour: Array) -> NDArray[np.uint8]:
     return np.round(colour).astype(np.uint8)
+
+
+def thinned(curves: list[Array]) -> list[Array]:
+    """Closed curves with about MOST_WATERLINE_POINTS together, if they have more."""
+    every = -(-sum(map(len, curves)) // MOST_WATERLINE_POINTS)
+    if every < 2:
+        return curves
+    steps = [max(1, min(every, len(curve) // FEWEST_OF_A_CURVE)) for curve in curves]
+    return [
+        np.concatenate([curve[:-1:step], curve[:1]])
+        for curve, step in zip(curves, steps, strict=True)
+    ]
 
 
 def _shades(values: Array) -> NDArray[np.uint8]:

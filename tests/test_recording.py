@@ -9,7 +9,7 @@ from rerun.chunk import RrdReader
 
 from independent import MODELS, ROUND_OFF
 from sim import Recorder, Scene, Sea, Tally, Wave, simulate
-from sim.recording import sea_in_words
+from sim.recording import sea_in_words, thinned
 from sim.skin import rotation_matrix, shaded_corners
 from sim.waterline import WATERLINE_ERROR
 
@@ -253,6 +253,18 @@ def test_many_bodies_cost_no_shading_and_only_the_first_are_plotted(tmp_path, mo
     )
     assert names[0].tolist() == ["cube6", "cube7"]
     assert np.shape(rows) == (4, 2)
+
+
+def test_many_waterlines_are_thinned_and_stay_closed(monkeypatch):
+    monkeypatch.setattr("sim.recording.MOST_WATERLINE_POINTS", 40)
+    turn = np.linspace(0.0, 1.0, 101)
+    long = np.column_stack([turn, turn * (1.0 - turn), 0.0 * turn])
+    long[-1] = long[0]
+    short = np.concatenate([long[:14], long[:1]])
+    assert thinned([short])[0] is short
+    first, second = thinned([long, short])
+    np.testing.assert_array_equal(first, np.concatenate([long[:100:3], long[:1]]))
+    np.testing.assert_array_equal(second, short)
 
 
 def test_viewing_without_a_screen_says_so_and_leaves_nothing(tmp_path, monkeypatch):
