@@ -146,7 +146,9 @@ def record_samples(
         recorder.close()
 
 
-def summarise(scene: Scene, tally: Tally, wall_s: float, recording: Path | None) -> dict[str, Any]:
+def summarise(
+    scene: Scene, tally: Tally, wall_s: float, recording: Path | None, recorder: Recorder | None
+) -> dict[str, Any]:
     """The run in numbers, under the keys of --json."""
     last, timestep = tally.last, scene.model.opt.timestep
     steps = last.step
@@ -159,18 +161,21 @@ def summarise(scene: Scene, tally: Tally, wall_s: float, recording: Path | None)
         "realtime_factor": steps * timestep / wall_s,
         "buoyancy_us_per_step": 1e6 * last.buoyancy_seconds / max(steps, 1),
         "step_us": 1e6 * (last.step_seconds - last.buoyancy_seconds) / max(steps, 1),
+        "logging_ms_per_frame": recorder and 1e3 * recorder.seconds / max(recorder.frames, 1),
         "bodies": tally.bodies(),
         "recording": None if recording is None else str(recording),
     }
 
 
 def print_summary(summary: dict[str, Any]) -> None:
+    logging = summary["logging_ms_per_frame"]
     print(
         f"{summary['scene']}: {summary['steps']} steps of {summary['timestep']:g} s, "
         f"{summary['duration']:.2f} s simulated in {summary['wall_s']:.2f} s "
         f"({summary['realtime_factor']:.1f} x real time)\n"
         f"a step: {summary['buoyancy_us_per_step']:.1f} us in buoyancy, "
-        f"{summary['step_us']:.1f} us in MuJoCo\n"
+        f"{summary['step_us']:.1f} us in MuJoCo"
+        + ("\n" if logging is None else f"; a frame: {logging:.2f} ms in logging\n")
     )
     width = max(len("mean of"), *map(len, summary["bodies"]))
     print(f"{'mean of':<{width}}  height m  tilt deg  submerged  force/weight")
@@ -220,7 +225,7 @@ def main(arguments: list[str] | None = None) -> int:
         started = perf_counter()
         with recorder or nullcontext():
             status = run(scene, options, recorder, tally, received)
-        summary = summarise(scene, tally, perf_counter() - started, recording)
+        summary = summarise(scene, tally, perf_counter() - started, recording, recorder)
         return report(summary, options, status)
 
 

@@ -318,6 +318,22 @@ def test_recording_is_readable_when_the_run_fails_half_way(tmp_path):
     assert len(heights) == 16
 
 
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # nor does a killed run's
+@pytest.mark.parametrize(("frame_seconds", "most_lost"), [(0.001, 30), (0.1, 7), (5.0, 0)])
+def test_a_killed_run_loses_less_than_a_second(tmp_path, monkeypatch, frame_seconds, most_lost):
+    """What is on the disk after every frame is what SIGKILL would leave there. No more is missing
+    than is younger than a second, simulated and by a clock that we turn by hand."""
+    clock = [100.0]
+    monkeypatch.setattr("sim.recording.monotonic", lambda: clock[0])
+    scene, path, lost = Scene.load(MODELS / "cube.xml"), tmp_path / "cut.rrd", []
+    with Recorder(path, scene, water_resolution=2) as recorder:
+        for frame, sample in enumerate(simulate(scene, 1.4), start=1):
+            clock[0] += frame_seconds
+            recorder.log(sample)
+            lost.append(frame - len(read(path, "world/water", "Mesh3D:vertex_positions")[0]))
+    assert max(lost) == most_lost
+
+
 def _record_and_fail(path, scene) -> None:
     with Recorder(path, scene) as recorder:
         for sample in simulate(scene, 10.0):

@@ -30,16 +30,24 @@ def test_run_records_prints_and_writes_its_summary(tmp_path):
     summary = json.loads((tmp_path / "out.json").read_text())
     assert list(summary) == [
         "scene", "steps", "timestep", "duration", "wall_s", "realtime_factor",
-        "buoyancy_us_per_step", "step_us", "bodies", "recording",
+        "buoyancy_us_per_step", "step_us", "logging_ms_per_frame", "bodies", "recording",
     ]  # fmt: skip
     assert summary["scene"] == "bunny"
     assert (summary["steps"], summary["timestep"], summary["duration"]) == (500, 0.002, 1.0)
     assert summary["realtime_factor"] == pytest.approx(1.0 / summary["wall_s"])
     assert 0.0 < summary["buoyancy_us_per_step"] * 500e-6 < summary["wall_s"]
     assert 0.0 < summary["step_us"] * 500e-6 < summary["wall_s"]
+    assert 0.0 < summary["logging_ms_per_frame"] * 31e-3 < summary["wall_s"]
     assert summary["recording"] == os.path.join("recordings", "bunny.rrd")
     assert len(RrdReader(tmp_path / summary["recording"]).recordings()) == 1
-    for expected in ("500 steps", "x real time", "us in buoyancy", "bunny", "look at it with"):
+    for expected in (
+        "500 steps",
+        "x real time",
+        "us in buoyancy",
+        "ms in logging",
+        "bunny",
+        "look at it with",
+    ):
         assert expected in result.stdout
     assert "\r" not in result.stderr  # no progress bar without a terminal
 
@@ -54,7 +62,7 @@ def test_summary_is_that_of_the_same_run_in_python(tmp_path):
     for sample in simulate(scene, 1.0, 20.0):
         tally.add(sample)
     assert summary["bodies"] == tally.bodies()
-    assert summary["recording"] is None
+    assert summary["recording"] is summary["logging_ms_per_frame"] is None
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out.json"]
 
 
