@@ -85,6 +85,9 @@ SKY_COLOUR = (40, 56, 72)
 WET_TINT, WET_SHARE = np.array([20.0, 70.0, 130.0]), 0.4
 """A wet surface has this share of the colour WET_TINT."""
 
+GOLDEN_TURN = 0.618
+"""From one twin's hue to the next: however many there are, no two of them come near each other."""
+
 WATER_SERIES_COLOUR = np.array([90.0, 150.0, 200.0])
 ARROW_IN_HULLS = 0.55
 """Length of the weight's arrow in diagonals of the body's largest hull."""
@@ -239,7 +242,8 @@ class Recorder:
     one a sample; water_size [m]: side of the water's square; water_resolution: vertices along
     that side; view: open a viewer, or use the one that is open, and show the run as it goes.
 
-    output: part of a recording that is open already, instead of a file of its own.
+    output: part of a recording that is open already, instead of a file of its own; hue: by which
+    the bodies' colours are off, in turns.
     frames, seconds: how many there are by now, and the wall time that they have taken.
 
     The file is readable whenever the block is left, by an exception too. Missing folders are
@@ -257,6 +261,7 @@ class Recorder:
         water_resolution: int = WATER_RESOLUTION,
         view: bool = False,
         output: _Part | None = None,
+        hue: float = 0.0,
     ) -> None:
         _check_numbers(rate, water_size, water_resolution)
         self.path = None if path is None else Path(path)
@@ -268,7 +273,7 @@ class Recorder:
         self._sent_at = monotonic()
         self._longest_wait = LONGEST_WAIT_TO_VIEW if view else LONGEST_WAIT
         self._tally = Tally(scene)
-        self._skins = Skins(scene.buoyancy)
+        self._skins = Skins(scene.buoyancy, hue)
         self._largest_skins = self._skins.of_bodies()
         names = scene.buoyancy.body_names
         self._plotted, self._others = names[:MOST_PLOTTED], names[MOST_PLOTTED:]
@@ -544,8 +549,9 @@ class SideBySideRecorder:
             for samples in zip(simulate(one, 10.0), simulate(other, 10.0)):
                 recorder.log(samples)
 
-    Each has a 3D view of its own, titled with its label, all in the same water; their plots
-    share axes. What a `Recorder` writes stands below the entity <label>. Raises OSError as it does.
+    Each has a 3D view of its own, titled with its label, all in the same water, and colours of its
+    own there and in the plots, which share axes. What a `Recorder` writes stands below the entity
+    <label>. Raises OSError as it does.
     """
 
     def __init__(self, path: str | Path, scenes: Mapping[str, Scene]) -> None:
@@ -554,8 +560,10 @@ class SideBySideRecorder:
         name = f"{first.name}: {', '.join(scenes)}"
         self._output = _Output(self.path, name, _side_by_side_blueprint(scenes))
         self._recorders = [
-            Recorder(self.path, scene, output=_Part(self._output, _part(label)))
-            for label, scene in scenes.items()
+            Recorder(
+                self.path, scene, output=_Part(self._output, _part(label)), hue=i * GOLDEN_TURN
+            )
+            for i, (label, scene) in enumerate(scenes.items())
         ]
         bodies = first.buoyancy.body_names[:MOST_PLOTTED]
         for label, path_of, body in product(scenes, SERIES.values(), bodies):
@@ -716,9 +724,10 @@ def sea_in_words(sea: Sea) -> str:
     return f"waves (amplitude x length) {', '.join(waves)}, steepness {sea.steepness:.2f}"
 
 
-def _view(scene: Scene, name: str, root: str = "") -> rrb.Spatial3DView:
-    """The bodies and the water around them, seen from a place that moves with them."""
-    distance = _extent(scene, EYE_IN_HULLS, EYE_IN_SPREADS)
+def _view(scene: Scene, name: str, root: str = "", abreast: int = 1) -> rrb.Spatial3DView:
+    """The bodies and the water around them, seen from a place that moves with them, and from
+    further away by a view that is one of several abreast, hence narrow."""
+    distance = np.sqrt(abreast) * _extent(scene, EYE_IN_HULLS, EYE_IN_SPREADS)
     eye = rrb.EyeControls3D(
         position=distance * EYE_DIRECTION, look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
     )
@@ -754,7 +763,9 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
 
 
 def _side_by_side_blueprint(scenes: Mapping[str, Scene]) -> rrb.Blueprint:
-    views = [_view(scene, label, f"{_part(label)}/") for label, scene in scenes.items()]
+    views = [
+        _view(scene, label, f"{_part(label)}/", len(scenes)) for label, scene in scenes.items()
+    ]
     plots = [
         _plot(entity, [f"/{_part(label)}/plots/{entity}/**" for label in scenes])
         for entity in PLOTS

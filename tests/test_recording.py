@@ -9,8 +9,8 @@ from rerun.chunk import RrdReader
 
 from independent import MODELS, ROUND_OFF
 from sim import Recorder, Scene, Sea, Tally, Wave, simulate
-from sim.recording import sea_in_words, thinned
-from sim.skin import rotation_matrix, shaded_corners
+from sim.recording import GOLDEN_TURN, sea_in_words, thinned
+from sim.skin import rotation_matrix, shaded_corners, with_hue_turned
 from sim.waterline import WATERLINE_ERROR
 
 FLOAT32 = 1e-6
@@ -289,6 +289,16 @@ def test_sharp_edges_are_drawn_sharp_and_smooth_ones_smooth():
     np.testing.assert_array_equal(vertex[faces], ball.faces)
     facets = 0.02  # of about 8 degrees
     np.testing.assert_allclose(normals, ball.vertices[vertex], atol=facets)
+
+
+def test_twins_of_grey_bodies_have_colours_of_their_own():
+    grey = np.array([0.5, 0.5, 0.5, 1.0])
+    assert with_hue_turned(grey, 0.0) is grey
+    red, blue = (np.array([*rgb, 0.3]) for rgb in ((1.0, 0.2, 0.2), (0.2, 0.2, 1.0)))
+    np.testing.assert_allclose(with_hue_turned(red, 2.0 / 3.0), blue, atol=ROUND_OFF)
+    twins = np.array([with_hue_turned(grey, i * GOLDEN_TURN)[:3] for i in range(5)])
+    apart = np.linalg.norm(twins[:, None] - twins, axis=2)[~np.eye(5, dtype=bool)]
+    assert apart.min() > 0.3
 
 
 def test_arrows_are_forces_at_the_centres_of_mass(run):
