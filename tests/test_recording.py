@@ -1,6 +1,10 @@
 """Recordings, read back and held against the samples."""
 
 import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from time import monotonic, sleep
 
 import numpy as np
 import pytest
@@ -277,6 +281,56 @@ def test_viewing_without_a_screen_says_so_and_leaves_nothing(tmp_path, monkeypat
     with pytest.raises(OSError, match="there is no screen for the viewer"):
         Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"), view=True)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_viewer_that_is_open_is_sent_the_run(tmp_path, monkeypatch):
+    """Rerun itself listens as a viewer does, and writes what it gets to a file instead."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    path = tmp_path / "arrived.rrd"
+    listener = subprocess.Popen(
+        [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
+        + ["--save", str(path)],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        wait_until(lambda: listens(port))
+        monkeypatch.setattr("sim.recording.VIEWER_PORT", port)
+        scene, samples = Scene.load(MODELS / "cube.xml"), []
+        with Recorder(None, scene, view=True, water_resolution=9) as recorder:
+            for sample in simulate(scene, 0.5):
+                recorder.log(sample)
+                samples.append(sample)
+        wait_until(lambda: path.is_file() and "mean of" in last_overview(path))
+    finally:
+        listener.kill()
+        listener.wait()
+    _, heights = read(path, "plots/height/cube", "Scalars:scalars")
+    np.testing.assert_array_equal(np.ravel(heights), [s.centres[0, 2] for s in samples])
+    assert len(read(path, "world/water", "Mesh3D:vertex_positions")[0]) == len(samples)
+
+
+def listens(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def last_overview(path) -> str:
+    """Empty while there is none."""
+    try:
+        _, texts = read(path, "overview", "TextDocument:text")
+    except RuntimeError:  # the file has only begun
+        return ""
+    return str(texts[-1]) if texts else ""
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    deadline = monotonic() + 60.0
+    while not holds():
+        assert monotonic() < deadline
+        sleep(0.05)
 
 
 def test_sharp_edges_are_drawn_sharp_and_smooth_ones_smooth():
