@@ -2,6 +2,7 @@
 
     python scripts/read_recording.py recordings/bunny.rrd                        # what there is
     python scripts/read_recording.py recordings/bunny.rrd --output bunny.npz     # all of it
+    python scripts/read_recording.py recordings/bunny.rrd --mend    # if Rerun refuses to open it
 
 or in Python, with this folder on the path:
 
@@ -11,9 +12,14 @@ or in Python, with this folder on the path:
 Exit status: 0 on success, 2 on unusable input.
 """
 
+import os
+import struct
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from command_line import UNUSABLE_INPUT, Parser, run_script
 
@@ -31,6 +37,48 @@ all in one."""
 SCALARS, NAMES = "Scalars:scalars", "SeriesLines:names"
 
 
+FILE_HEADER, MESSAGE_HEADER = 12, struct.Struct("<QQ")
+"""Bytes at the start of an .rrd file, and kind and length [bytes] at the start of each message."""
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Path of a recording as far as its messages are whole: its own or that of a copy. A run that
+    was killed as it wrote one leaves a part of it, and Rerun refuses to open such a file."""
+    length = whole_length(path)
+    with TemporaryDirectory() as folder:
+        if length < path.stat().st_size:
+            copy = Path(folder) / path.name
+            with path.open("rb") as source:
+                copy.write_bytes(source.read(length))
+            path = copy
+        yield path
+
+
+@contextmanager
+def reader(path: Path) -> Iterator[RrdReader]:
+    """A recording opened for reading, as far as it is whole, and without Rerun's warning that what
+    a killed run leaves has no table of contents."""
+    with whole(path) as readable, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="RRD file has no footer")
+        yield RrdReader(readable)
+
+
+def whole_length(path: Path) -> int:
+    """Bytes until the end of the last whole message of an .rrd file; all of any other file."""
+    size, end = path.stat().st_size, FILE_HEADER
+    with path.open("rb") as file:
+        if file.read(4) != b"RRF2":
+            return size
+        while end + MESSAGE_HEADER.size <= size:
+            file.seek(end)
+            _, length = MESSAGE_HEADER.unpack(file.read(MESSAGE_HEADER.size))
+            if end + MESSAGE_HEADER.size + length > size:
+                return end
+            end += MESSAGE_HEADER.size + length
+    return size
+
+
 def read_series(path: str | Path) -> dict[str, tuple[Array, Array]]:
     """Times (N,) [s] and values (N,) of each series of a recording by run.py, by its name
     <quantity>/<body>, as 'height/bunny' and 'height/bunny/water' [m], 'tilt/bunny' [deg],
@@ -44,10 +92,8 @@ def read_series(path: str | Path) -> dict[str, tuple[Array, Array]]:
     parts: dict[str, list[tuple[Array, Array]]] = {}
     bodies: dict[str, list[str]] = {}
     try:
-        with warnings.catch_warnings():
-            # A run that was killed leaves no table of contents; what it recorded is all there.
-            warnings.filterwarnings("ignore", message="RRD file has no footer")
-            for chunk in RrdReader(path).stream().filter(content=[f"{PLOTS}**", f"{OTHERS}**"]):
+        with reader(path) as recording:
+            for chunk in recording.stream().filter(content=[f"{PLOTS}**", f"{OTHERS}**"]):
                 batch, entity = chunk.to_record_batch(), chunk.entity_path
                 if NAMES in batch.schema.names and entity.startswith(OTHERS):
                     (bodies[entity],) = batch.column(NAMES).to_pylist()
@@ -88,8 +134,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--output", type=Path, metavar="FILE.npz", help="write each series there, (2, N)"
     )
+    parser.add_argument(
+        "--mend", action="store_true", help="cut off what a killed run left half written"
+    )
     options = parser.parse_args(arguments)
     try:
+        if options.mend and options.recording.is_file():
+            os.truncate(options.recording, whole_length(options.recording))
         series = read_series(options.recording)
         if options.output is not None:
             with options.output.open("wb") as file:
