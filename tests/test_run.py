@@ -2,7 +2,6 @@
 
 import json
 import os
-import runpy
 import signal
 import subprocess
 import sys
@@ -13,7 +12,7 @@ import pytest
 from read_recording import reader
 from rerun.chunk import RrdReader
 
-from independent import MODELS, REPOSITORY, hear_ctrl_c
+from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
 from sim import Scene, Tally, simulate
 
 RUN = [sys.executable, str(REPOSITORY / "scripts" / "run.py")]
@@ -53,10 +52,11 @@ def test_run_records_prints_and_writes_its_summary(tmp_path):
     assert "\r" not in result.stderr  # no progress bar without a terminal
 
 
-def test_summary_is_that_of_the_same_run_in_python(tmp_path):
+def test_summary_is_that_of_the_same_run_in_python(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     arguments = ("--duration", 1, "--rate", 20, "--timestep", 0.004, "--no-record", "--quiet")
-    result = run(MODELS / "cube.xml", *arguments, "--json", "out.json", cwd=tmp_path)
-    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+    assert status_of("run.py", MODELS / "cube.xml", *arguments, "--json", "out.json") == 0
+    assert capsys.readouterr() == ("", "")
     summary = json.loads((tmp_path / "out.json").read_text())
     scene = Scene.load(MODELS / "cube.xml", timestep=0.004)
     tally = Tally(scene)
@@ -110,7 +110,6 @@ BROKEN = {
 
 @pytest.mark.parametrize("case", BROKEN)
 def test_unusable_input_gives_one_line_and_status_2(case, tmp_path, monkeypatch, capsys):
-    """In this process, which saves starting one for each; the other tests run the script."""
     arguments, message = BROKEN[case]
     (tmp_path / "broken.xml").write_text("<mujoco><wave/></mujoco>")
     (tmp_path / "empty.xml").write_text("<mujoco/>")
@@ -128,11 +127,7 @@ def test_unusable_input_gives_one_line_and_status_2(case, tmp_path, monkeypatch,
         (tmp_path / name).write_text(text)
     before = sorted(tmp_path.rglob("*"))
     monkeypatch.chdir(tmp_path)
-    script = runpy.run_path(RUN[1])
-    try:
-        status = script["main"]([str(a) for a in arguments])
-    except SystemExit as left:
-        status = left.code
+    status = status_of("run.py", *arguments)
     stdout, stderr = capsys.readouterr()
     assert (status, stdout) == (2, "")
     assert message in stderr
@@ -140,10 +135,10 @@ def test_unusable_input_gives_one_line_and_status_2(case, tmp_path, monkeypatch,
     assert sorted(tmp_path.rglob("*")) == before  # and nothing is left behind
 
 
-def test_recording_has_the_rate_and_the_water_asked_for(tmp_path):
+def test_recording_has_the_rate_and_the_water_asked_for(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     asked = ("--record-rate", 10, "--water-size", 4, "--water-resolution", 9)
-    result = run(MODELS / "cube.xml", "--duration", 1, *asked, cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
+    assert status_of("run.py", MODELS / "cube.xml", "--duration", 1, *asked) == 0
     rows = []
     for chunk in RrdReader(tmp_path / "recordings" / "cube.rrd").stream():
         if chunk.entity_path == "/world/water" and not chunk.is_static:
@@ -154,17 +149,18 @@ def test_recording_has_the_rate_and_the_water_asked_for(tmp_path):
     assert np.ptp(points, axis=0)[:2] == pytest.approx(4.0, abs=0.4)  # particles stray 0.19 m
 
 
-def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path):
+def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path, monkeypatch, capsys):
     """Negative damping feeds the cube's motion until the numbers overflow."""
     scene = (MODELS / "cube.xml").read_text()
     still = '<freejoint name="cube"/>'
     wild = '<joint type="free" damping="-5000"/>'
     assert still in scene
     (tmp_path / "wild.xml").write_text(scene.replace(still, wild))
-    result = run("wild.xml", "--record", "wild.rrd", cwd=tmp_path)
-    assert result.returncode == 3, result.stderr
-    assert "body 'cube' diverged at" in result.stderr
-    assert "try a timestep below 0.002 s" in result.stderr
+    monkeypatch.chdir(tmp_path)
+    assert status_of("run.py", "wild.xml", "--record", "wild.rrd") == 3
+    stderr = capsys.readouterr().err
+    assert "body 'cube' diverged at" in stderr
+    assert "try a timestep below 0.002 s" in stderr
     chunks = list(RrdReader(tmp_path / "wild.rrd").stream().filter(content="/plots/height/cube"))
     assert sum(chunk.num_rows for chunk in chunks if not chunk.is_static) >= 2
 
