@@ -4,7 +4,7 @@
     python scripts/speed_vs_error.py --quick
     python scripts/speed_vs_error.py --sources
 
-Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C.
+Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C, with the rows until then printed.
 """
 
 import argparse

@@ -270,24 +270,13 @@ class Recorder:
         self._due: float | None = None
         self.frames, self.seconds = 0, 0.0
         self._waiting: list[_Frame] = []
-        self._sent_at = monotonic()
         self._longest_wait = LONGEST_WAIT_TO_VIEW if view else LONGEST_WAIT
         self._tally = Tally(scene)
         self._skins = Skins(scene.buoyancy, hue)
         self._largest_skins = self._skins.of_bodies()
         names = scene.buoyancy.body_names
         self._plotted, self._others = names[:MOST_PLOTTED], names[MOST_PLOTTED:]
-        self._shaded = self._skins.vertex_count <= MOST_SHADED_VERTICES
-        self._palettes = [
-            _palette(skin.rgba[:3], skin.rgba[:3] + WET_SHARE * (WET_TINT - skin.rgba[:3]))
-            for skin in self._skins
-        ]
-        self._wetness_per_metre = np.concatenate(
-            [
-                np.full(skin.vertices.stop - skin.vertices.start, 2.0 / skin.edge)
-                for skin in self._skins
-            ]
-        )
+        self._prepare_shades()
         side = water_size or _extent(scene, WATER_IN_HULLS, WATER_IN_SPREADS)
         self._steps = 0.5 * side * np.linspace(-1.0, 1.0, water_resolution)
         self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
@@ -297,6 +286,7 @@ class Recorder:
         self._output.flush()
         self._drawn(observe(scene))  # compiles what is not, before the run's time counts
         self._trail.clear()
+        self._sent_at = monotonic()
 
     def __enter__(self) -> "Recorder":
         return self
@@ -336,6 +326,18 @@ class Recorder:
                 self._send()
                 self._output.flush()
         self.seconds += perf_counter() - started
+
+    def _prepare_shades(self) -> None:
+        """Colours from dry to wet, which follow each other within half an edge."""
+        skins = self._skins
+        self._shaded = skins.vertex_count <= MOST_SHADED_VERTICES
+        self._palettes = [
+            _palette(skin.rgba[:3], skin.rgba[:3] + WET_SHARE * (WET_TINT - skin.rgba[:3]))
+            for skin in skins
+        ]
+        self._wetness_per_metre = np.empty(skins.vertex_count)
+        for skin in skins:
+            self._wetness_per_metre[skin.vertices] = 2.0 / skin.edge
 
     def _log_static(self) -> None:
         """All that stays as it is over the run."""
