@@ -1,7 +1,8 @@
 """What the scripts' command lines have in common: exit statuses, one-line errors, progress, and
 ends in good order.
 
-A script that imports it answers Ctrl-C plainly from then on.
+A script that imports it ends at once when it is interrupted. One that has something to put in
+order or to keep says for how long: with `stop_signals`, or with `interruptible`.
 """
 
 import argparse
@@ -85,8 +86,6 @@ def clear_progress() -> None:
 def run_script(main: Callable[[], int]) -> NoReturn:
     """End the process with the status of `main`; after Ctrl-C and for a reader of the output that
     went away (`| head`) without a traceback."""
-    if signal.getsignal(signal.SIGINT) is _end_at_once:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         try:
             status = main()
@@ -126,6 +125,19 @@ def stop_signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let Ctrl-C raise KeyboardInterrupt, as Python does by itself. Libraries may swallow it, so it
+    is for blocks that a second one may have to end."""
+    previous = signal.getsignal(signal.SIGINT)
+    if previous is _end_at_once:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
 def stopped_by(number: int) -> tuple[int, str]:
     """Exit status and message of a run that a signal has stopped."""
     return 128 + number, "interrupted" if number == signal.SIGINT else "terminated"
@@ -139,4 +151,4 @@ def _end_at_once(number: int, frame: FrameType | None) -> NoReturn:
 
 _is_script = Path(sys.argv[0]).resolve().parent == Path(__file__).resolve().parent
 if _is_script and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    signal.signal(signal.SIGINT, _end_at_once)  # its imports would end in tracebacks of theirs
+    signal.signal(signal.SIGINT, _end_at_once)  # KeyboardInterrupt is swallowed by some imports

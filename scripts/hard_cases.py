@@ -18,7 +18,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from command_line import INTERRUPTED, Parser, run_script
+from command_line import INTERRUPTED, Parser, interruptible, run_script
 
 import mujoco
 import numpy as np
@@ -603,8 +603,9 @@ def main(arguments: list[str] | None = None) -> int:
     results: dict[str, Any] = {}
     cost, interrupted = None, False
     try:
-        print_table(options, results)
-        cost = drag_cost()
+        with interruptible():
+            print_table(options, results)
+            cost = drag_cost()
         print(
             f"\nbunny in three waves: buoyancy {cost['buoyancy_us']:.1f} us, with drag "
             f"{cost['with_drag_us']:.1f} us: drag costs {cost['drag_over_buoyancy']:.2f} of "

@@ -25,7 +25,7 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, NoReturn
 
-from command_line import INTERRUPTED, Parser, run_script
+from command_line import INTERRUPTED, Parser, interruptible, run_script
 
 from PIL import Image
 from read_recording import reader, whole
@@ -307,7 +307,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Make the picture asked for; return the exit status."""
     options = parse_arguments(arguments)
     try:
-        with ending_in_order():
+        with ending_in_order(), interruptible():
             take(options)
     except (SnapshotError, OSError) as error:
         print(f"snapshot.py: {one_line(error)}", file=sys.stderr)

@@ -24,6 +24,7 @@ from command_line import (
     Parser,
     at_least,
     clear_progress,
+    interruptible,
     positive,
     run_script,
     show_progress,
@@ -273,7 +274,8 @@ def report_rows(options: argparse.Namespace) -> int:
     rows: list[dict[str, Any]] = []
     status = 0
     try:
-        collect(options, rows)
+        with interruptible():
+            collect(options, rows)
     except KeyboardInterrupt:
         print("speed_vs_error.py: interrupted", file=sys.stderr)
         status = INTERRUPTED
