@@ -1,13 +1,26 @@
-"""What the scripts' command lines have in common: exit statuses, one-line errors, progress."""
+"""What the scripts' command lines have in common: exit statuses, one-line errors, progress, and
+ends in good order.
+
+A script that imports it ends at once when it is interrupted. One that has something to put in
+order or to keep says for how long: with `stop_signals`, or with `interruptible`.
+"""
 
 import argparse
+import os
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from types import FrameType
 from typing import NoReturn
 
-UNUSABLE_INPUT, DIVERGED, UNWRITABLE, INTERRUPTED = 2, 3, 4, 130
+UNUSABLE_INPUT, DIVERGED, UNWRITABLE, INTERRUPTED, BROKEN_PIPE = 2, 3, 4, 130, 141
+
+SAME_SIGNAL = 0.5
+"""Seconds within which a second signal belongs to the first: `timeout` sends each one twice."""
 
 COMPILING_NOTICE_AFTER = 1.0
 """Seconds after which loading a scene can only mean that kernels are being compiled."""
@@ -68,3 +81,74 @@ def show_progress(done: float, total: float, unit: str = "s") -> None:
 def clear_progress() -> None:
     """Take the bar off the terminal."""
     print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+def run_script(main: Callable[[], int]) -> NoReturn:
+    """End the process with the status of `main`; after Ctrl-C and for a reader of the output that
+    went away (`| head`) without a traceback."""
+    try:
+        try:
+            status = main()
+        finally:
+            sys.stdout.flush()
+    except KeyboardInterrupt:
+        print(f"{Path(sys.argv[0]).name}: interrupted", file=sys.stderr)
+        status = INTERRUPTED
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the last flush
+        status = BROKEN_PIPE
+    if status == UNWRITABLE:  # a dead writer would hold up Python's orderly end for ever
+        sys.stderr.flush()
+        os._exit(status)
+    sys.exit(status)
+
+
+@contextmanager
+def stop_signals() -> Iterator[list[int]]:
+    """Note SIGINT and SIGTERM in a list instead of being interrupted anywhere, so that a run stops
+    between two samples with nothing half done. Whoever insists ends the process at once."""
+    received: list[int] = []
+    at: list[float] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        at.append(monotonic())
+        if at[-1] - at[0] > SAME_SIGNAL:
+            _end_at_once(number, frame)
+
+    heard = [s for s in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(s) != signal.SIG_IGN]
+    previous = {s: signal.signal(s, note) for s in heard}
+    try:
+        yield received
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let Ctrl-C raise KeyboardInterrupt, as Python does by itself. Libraries may swallow it, so it
+    is for blocks that a second one may have to end."""
+    previous = signal.getsignal(signal.SIGINT)
+    if previous is _end_at_once:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+def stopped_by(number: int) -> tuple[int, str]:
+    """Exit status and message of a run that a signal has stopped."""
+    return 128 + number, "interrupted" if number == signal.SIGINT else "terminated"
+
+
+def _end_at_once(number: int, frame: FrameType | None) -> NoReturn:
+    """Handler of a signal that leaves nothing to be put in order."""
+    os.write(2, f"{Path(sys.argv[0]).name}: {stopped_by(number)[1]}\n".encode())
+    os._exit(128 + number)
+
+
+_is_script = Path(sys.argv[0]).resolve().parent == Path(__file__).resolve().parent
+if _is_script and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, _end_at_once)  # KeyboardInterrupt is swallowed by some imports

@@ -7,33 +7,37 @@ in one recording. What is compared are means over the time after the warm-up: th
 themselves drift apart in waves from any difference, however small. Where a body has several ways
 to float and keeps one for long, one run tells little: --starts begins again at other times.
 
-Exit status: 0 on success, 2 on unusable input, 3 when a twin diverged, 130 after Ctrl-C
-(what was recorded until then is on disk).
+Exit status: 0 on success, 2 on unusable input, 3 when a twin diverged, 4 when the disk is
+full, 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on disk.
 """
 
 import argparse
 import json
 import sys
 from collections.abc import Mapping
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-
 from command_line import (
     DIVERGED,
-    INTERRUPTED,
     UNUSABLE_INPUT,
+    UNWRITABLE,
     Parser,
     at_least,
     clear_progress,
     compiling_notice,
     positive,
+    run_script,
     show_progress,
+    stop_signals,
+    stopped_by,
 )
+
+import numpy as np
+
 from sim import DivergenceError, Sample, Scene, SideBySideRecorder, simulate
 from sim.accuracy import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
 
@@ -145,19 +149,24 @@ def run(
     options: argparse.Namespace,
     recorder: SideBySideRecorder | None,
     history: History,
+    received: list[int],
 ) -> int:
-    """Simulate all twins in lockstep, start after start; return the exit status. The recorder gets
-    the first run."""
+    """Simulate all twins in lockstep, start after start, until a signal is received; return the
+    exit status. The recorder gets the first run."""
     status, trouble = 0, ""
     try:
         for i, time in enumerate(start_times(options.starts)):
             if i > 0:
                 twins = load(options, again=True)
-            _run_once(twins, time, i, options, recorder if i == 0 else None, history)
+            _run_once(twins, time, i, options, recorder if i == 0 else None, history, received)
+        if recorder is not None:
+            recorder.close()
     except DivergenceError as error:
         status, trouble = DIVERGED, str(error)
+    except OSError as error:
+        status, trouble = UNWRITABLE, str(error)
     except KeyboardInterrupt:
-        status, trouble = INTERRUPTED, "interrupted"
+        status, trouble = stopped_by(received[0])
     if sys.stderr.isatty():
         clear_progress()
     if trouble:
@@ -172,7 +181,9 @@ def _run_once(
     options: argparse.Namespace,
     recorder: SideBySideRecorder | None,
     history: History,
+    received: list[int],
 ) -> None:
+    """One run of all twins, which a signal received ends with a KeyboardInterrupt."""
     for scene in twins.values():
         scene.data.time = start
     runs = [simulate(scene, options.duration, options.rate) for scene in twins.values()]
@@ -185,6 +196,8 @@ def _run_once(
             if sys.stderr.isatty():
                 done = index * options.duration + history.duration
                 show_progress(done, options.starts * options.duration)
+            if received:
+                raise KeyboardInterrupt
     finally:
         history.end()
 
@@ -285,29 +298,31 @@ def main(arguments: list[str] | None = None) -> int:
     recording = None
     if not options.no_record:
         recording = options.record or Path("recordings") / f"{options.scene.stem}_twins.rrd"
-    try:
-        twins = load(options)
+    with ExitStack() as stack:
+        try:
+            twins = load(options)
+            if options.json is not None:
+                options.json.open("a").close()
+            received = stack.enter_context(stop_signals())
+            recorder = None if recording is None else SideBySideRecorder(recording, twins)
+        except (ValueError, OSError) as error:
+            print(f"compare.py: {error}", file=sys.stderr)
+            return UNUSABLE_INPUT
+        timestep = next(iter(twins.values())).model.opt.timestep
+        history = History(len(twins), timestep)
+        started = perf_counter()
+        with recorder or nullcontext():
+            status = run(twins, options, recorder, history, received)
+        summary = summarise(twins, options, history)
+        summary["wall_s"] = perf_counter() - started
+        summary["recording"] = None if recording is None else str(recording)
         if options.json is not None:
-            options.json.open("a").close()
-        recorder = None if recording is None else SideBySideRecorder(recording, twins)
-    except (ValueError, OSError) as error:
-        print(f"compare.py: {error}", file=sys.stderr)
-        return UNUSABLE_INPUT
-    timestep = next(iter(twins.values())).model.opt.timestep
-    history = History(len(twins), timestep)
-    started = perf_counter()
-    with recorder or nullcontext():
-        status = run(twins, options, recorder, history)
-    summary = summarise(twins, options, history)
-    summary["wall_s"] = perf_counter() - started
-    summary["recording"] = None if recording is None else str(recording)
-    if options.json is not None:
-        options.json.write_text(json.dumps(summary, indent=2) + "\n")
-    print_summary(summary)
-    if recording is not None:
-        print(f"\nrecorded {recording.stat().st_size / 1e6:.1f} MB: {recording}")
-    return status
+            options.json.write_text(json.dumps(summary, indent=2) + "\n")
+        print_summary(summary)
+        if recording is not None:
+            print(f"\nrecorded {recording.stat().st_size / 1e6:.1f} MB: {recording}")
+        return status
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

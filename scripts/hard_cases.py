@@ -16,7 +16,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NoReturn
+from typing import Any
+
+from command_line import INTERRUPTED, Parser, interruptible, run_script
 
 import mujoco
 import numpy as np
@@ -533,13 +535,6 @@ def drag_cost() -> dict[str, float]:
     }
 
 
-class Parser(argparse.ArgumentParser):
-    """Says what is wrong with the command line in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message} (see --help)\n")
-
-
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(prog="hard_cases.py", description=__doc__.splitlines()[0])
     parser.add_argument(
@@ -584,13 +579,11 @@ def holds(line: dict[str, Any]) -> bool:
     return all(e is not None and e <= line["limit"] for e in errors)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    options = parse_arguments(arguments)
-    warnings.simplefilter("ignore")  # a diverging run overflows before it is stopped
+def print_table(options: argparse.Namespace, results: dict[str, Any]) -> None:
+    """Run the cases, add them to the results and print their lines as they come."""
     integrators = INTEGRATORS[1:2] if options.quick else INTEGRATORS
     columns = "".join(f"{name:>22}" for name in integrators)
     print(f"largest timestep that holds / error at 2 ms\n{'case':<24}{'limit':>8}{columns}")
-    results: dict[str, Any] = {}
     for name in CASES:
         if options.only not in name:
             continue
@@ -602,18 +595,34 @@ def main(arguments: list[str] | None = None) -> int:
             cells += f"{step + ' / ' + show(integrator['errors'][f'{REFERENCE:g}']):>22}"
         verdict = "" if holds(line) else "   FAILS"
         print(f"{name:<24}{line['limit']:>8.1g}{cells}   {line['expects']}{verdict}", flush=True)
-    cost = drag_cost()
-    print(
-        f"\nbunny in three waves: buoyancy {cost['buoyancy_us']:.1f} us, with drag "
-        f"{cost['with_drag_us']:.1f} us: drag costs {cost['drag_over_buoyancy']:.2f} of buoyancy"
-    )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse_arguments(arguments)
+    warnings.simplefilter("ignore")  # a diverging run overflows before it is stopped
+    results: dict[str, Any] = {}
+    cost, interrupted = None, False
+    try:
+        with interruptible():
+            print_table(options, results)
+            cost = drag_cost()
+        print(
+            f"\nbunny in three waves: buoyancy {cost['buoyancy_us']:.1f} us, with drag "
+            f"{cost['with_drag_us']:.1f} us: drag costs {cost['drag_over_buoyancy']:.2f} of "
+            "buoyancy"
+        )
+    except KeyboardInterrupt:
+        print("hard_cases.py: interrupted", file=sys.stderr)
+        interrupted = True
+    if options.json is not None:
+        options.json.write_text(json.dumps({"cases": results, "drag": cost}, indent=2) + "\n")
     failed = [name for name, line in results.items() if not holds(line)]
     print(f"{len(results) - len(failed)} of {len(results)} cases hold at 2 ms" + ": " * bool(failed)
           + "; ".join(f"{name} fails" for name in failed))  # fmt: skip
-    if options.json is not None:
-        options.json.write_text(json.dumps({"cases": results, "drag": cost}, indent=2) + "\n")
+    if interrupted:
+        return INTERRUPTED
     return 1 if failed else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

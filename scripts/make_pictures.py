@@ -6,10 +6,10 @@
 Needs what scripts/snapshot.py needs.
 """
 
-import argparse
-import sys
 import tempfile
 from pathlib import Path
+
+from command_line import Parser, run_script
 
 from PIL import Image
 from snapshot import main as snapshot
@@ -62,7 +62,7 @@ def make_picture(name: str, output: Path) -> int:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(prog="make_pictures.py", description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(TIMES)}")
     parser.add_argument(
         "--output", type=Path, default=MODELS / "pictures", metavar="FOLDER", help="models/pictures"
@@ -80,4 +80,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

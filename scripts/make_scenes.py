@@ -11,8 +11,9 @@ along and down,
 with vertical sides from the waterline up to the deck, here L : B : T = 10 : 1 : 0.625.
 """
 
-import argparse
 from pathlib import Path
+
+from command_line import Parser, run_script
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,8 +123,8 @@ def spheres_xml() -> str:
     )
 
 
-def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main(arguments: list[str] | None = None) -> int:
+    parser = Parser(prog="make_scenes.py", description=__doc__.splitlines()[0])
     parser.add_argument(
         "--stations", type=int, default=STATIONS, metavar="N", help=f"of the hull ({STATIONS})"
     )
@@ -139,7 +140,8 @@ def main(arguments: list[str] | None = None) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
         print(path)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -23,6 +23,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from command_line import UNUSABLE_INPUT, Parser, run_script
+
 import numpy as np
 
 if TYPE_CHECKING:
@@ -343,7 +345,7 @@ def prepare(name: str, source: Path, output: Path, faces: int | None) -> dict[st
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     """Read the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(prog="prepare_meshes.py", description=__doc__.splitlines()[0])
     parser.add_argument(
         "names", nargs="*", metavar="name", help=f"meshes to make: {' '.join(RECIPES)}; all if none"
     )
@@ -381,10 +383,10 @@ def main(arguments: list[str] | None = None) -> int:
                 for figure, value in prepare(name, source, options.output, options.faces).items():
                     print(f"  {figure:<11}{value}")
     except (PreparationError, OSError) as error:
-        print(f"prepare_meshes: {error}", file=sys.stderr)
-        return 2
+        print(f"prepare_meshes.py: {error}", file=sys.stderr)
+        return UNUSABLE_INPUT
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

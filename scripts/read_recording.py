@@ -2,6 +2,7 @@
 
     python scripts/read_recording.py recordings/bunny.rrd                        # what there is
     python scripts/read_recording.py recordings/bunny.rrd --output bunny.npz     # all of it
+    python scripts/read_recording.py recordings/bunny.rrd --mend    # if Rerun refuses to open it
 
 or in Python, with this folder on the path:
 
@@ -11,19 +12,71 @@ or in Python, with this folder on the path:
 Exit status: 0 on success, 2 on unusable input.
 """
 
-import argparse
+import os
+import struct
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from command_line import UNUSABLE_INPUT, Parser, run_script
 
 import numpy as np
+import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 Array = NDArray[np.float64]
 
-UNUSABLE_INPUT = 2
-PLOTS, SCALARS = "/plots/", "Scalars:scalars"
+PLOTS, OTHERS = "/plots/", "/others/"
+"""Where the series of the bodies that are plotted stand, one an entity, and of the others,
+all in one."""
+
+SCALARS, NAMES = "Scalars:scalars", "SeriesLines:names"
+
+
+FILE_HEADER, MESSAGE_HEADER = 12, struct.Struct("<QQ")
+"""Bytes at the start of an .rrd file, and kind and length [bytes] at the start of each message."""
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Path of a recording as far as its messages are whole: its own or that of a copy. A run that
+    was killed as it wrote one leaves a part of it, and Rerun refuses to open such a file."""
+    length = whole_length(path)
+    with TemporaryDirectory() as folder:
+        if length < path.stat().st_size:
+            copy = Path(folder) / path.name
+            with path.open("rb") as source:
+                copy.write_bytes(source.read(length))
+            path = copy
+        yield path
+
+
+@contextmanager
+def reader(path: Path) -> Iterator[RrdReader]:
+    """A recording opened for reading, as far as it is whole, and without Rerun's warning that what
+    a killed run leaves has no table of contents."""
+    with whole(path) as readable, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="RRD file has no footer")
+        yield RrdReader(readable)
+
+
+def whole_length(path: Path) -> int:
+    """Bytes until the end of the last whole message of an .rrd file; all of any other file."""
+    size, end = path.stat().st_size, FILE_HEADER
+    with path.open("rb") as file:
+        if file.read(4) != b"RRF2":
+            return size
+        while end + MESSAGE_HEADER.size <= size:
+            file.seek(end)
+            _, length = MESSAGE_HEADER.unpack(file.read(MESSAGE_HEADER.size))
+            if end + MESSAGE_HEADER.size + length > size:
+                return end
+            end += MESSAGE_HEADER.size + length
+    return size
 
 
 def read_series(path: str | Path) -> dict[str, tuple[Array, Array]]:
@@ -37,23 +90,36 @@ def read_series(path: str | Path) -> dict[str, tuple[Array, Array]]:
     if not path.is_file():
         raise FileNotFoundError(f"there is no recording {path}; make one with scripts/run.py")
     parts: dict[str, list[tuple[Array, Array]]] = {}
+    bodies: dict[str, list[str]] = {}
     try:
-        with warnings.catch_warnings():
-            # A run that was killed leaves no table of contents; what it recorded is all there.
-            warnings.filterwarnings("ignore", message="RRD file has no footer")
-            for chunk in RrdReader(path).stream().filter(content=f"{PLOTS}**"):
-                batch = chunk.to_record_batch()
+        with reader(path) as recording:
+            for chunk in recording.stream().filter(content=[f"{PLOTS}**", f"{OTHERS}**"]):
+                batch, entity = chunk.to_record_batch(), chunk.entity_path
+                if NAMES in batch.schema.names and entity.startswith(OTHERS):
+                    (bodies[entity],) = batch.column(NAMES).to_pylist()
                 if chunk.is_static or SCALARS not in batch.schema.names:
                     continue
                 times = batch.column("time").cast("int64").to_numpy() * 1e-9  # from nanoseconds
-                values = np.ravel(batch.column(SCALARS).to_pylist())
-                name = chunk.entity_path.removeprefix(PLOTS)
-                parts.setdefault(name, []).append((times, values))
+                values = np.array(batch.column(SCALARS).to_pylist())
+                parts.setdefault(entity, []).append((times, values))
     except RuntimeError as error:
         raise ValueError(f"{path} is no recording that can be read: {error}") from None
     if not parts:
         raise ValueError(f"{path} has no series under {PLOTS}; give a recording by scripts/run.py")
-    return {name: _in_order(chunks) for name, chunks in sorted(parts.items())}
+    series = {}
+    for entity, chunks in sorted(parts.items()):
+        times, values = _in_order(chunks)
+        names = _names(entity, bodies.get(entity, []))
+        series |= {name: (times, values[:, i]) for i, name in enumerate(names)}
+    return series
+
+
+def _names(entity: str, bodies: list[str]) -> list[str]:
+    """Names of the series of an entity, which those of others do not have in their path."""
+    if entity.startswith(PLOTS):
+        return [entity.removeprefix(PLOTS)]
+    quantity, *rest = entity.removeprefix(OTHERS).split("/")
+    return ["/".join([quantity, rr.escape_entity_path_part(body), *rest]) for body in bodies]
 
 
 def _in_order(chunks: list[tuple[Array, Array]]) -> tuple[Array, Array]:
@@ -63,13 +129,18 @@ def _in_order(chunks: list[tuple[Array, Array]]) -> tuple[Array, Array]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(prog="read_recording.py", description=__doc__.splitlines()[0])
     parser.add_argument("recording", type=Path, metavar="FILE.rrd", help="written by run.py")
     parser.add_argument(
         "--output", type=Path, metavar="FILE.npz", help="write each series there, (2, N)"
     )
+    parser.add_argument(
+        "--mend", action="store_true", help="cut off what a killed run left half written"
+    )
     options = parser.parse_args(arguments)
     try:
+        if options.mend and options.recording.is_file():
+            os.truncate(options.recording, whole_length(options.recording))
         series = read_series(options.recording)
         if options.output is not None:
             with options.output.open("wb") as file:
@@ -86,4 +157,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -8,28 +8,27 @@ Exit status: 0 on success, 2 on unusable input, 3 when the state diverged, 4 whe
 
 import argparse
 import json
-import os
 import shutil
-import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from time import perf_counter
-from types import FrameType
 from typing import Any
 
 from command_line import (
     DIVERGED,
-    INTERRUPTED,
     UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
     clear_progress,
     compiling_notice,
     positive,
+    run_script,
     show_progress,
+    stop_signals,
+    stopped_by,
 )
+
 from sim import DivergenceError, Recorder, Scene, Tally, simulate
 from sim.simulation import observe
 
@@ -101,39 +100,24 @@ def open_recorder(
     )
 
 
-@contextmanager
-def stop_signals() -> Iterator[list[int]]:
-    """Note SIGINT and SIGTERM in a list, so that a run stops between two samples, with nothing half
-    done. A second one interrupts at once."""
-    received: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-        if len(received) > 1:
-            raise KeyboardInterrupt
-
-    previous = {s: signal.signal(s, note) for s in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield received
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-
-
-def run(scene: Scene, options: argparse.Namespace, recorder: Recorder | None, tally: Tally) -> int:
-    """Simulate, record and tally; return the exit status."""
+def run(
+    scene: Scene,
+    options: argparse.Namespace,
+    recorder: Recorder | None,
+    tally: Tally,
+    received: list[int],
+) -> int:
+    """Simulate, record and tally until a signal is received; return the exit status."""
     show = sys.stderr.isatty() and not options.quiet
     status, trouble = 0, ""
     try:
-        with stop_signals() as received:
-            record_samples(scene, options, recorder, tally, received, show)
+        record_samples(scene, options, recorder, tally, received, show)
     except DivergenceError as error:
         status, trouble = DIVERGED, str(error)
     except OSError as error:
         status, trouble = UNWRITABLE, str(error)
     except KeyboardInterrupt:
-        status = 128 + received[0]
-        trouble = "interrupted" if status == INTERRUPTED else "terminated"
+        status, trouble = stopped_by(received[0])
     if show:
         clear_progress()
     if trouble:
@@ -162,7 +146,9 @@ def record_samples(
         recorder.close()
 
 
-def summarise(scene: Scene, tally: Tally, wall_s: float, recording: Path | None) -> dict[str, Any]:
+def summarise(
+    scene: Scene, tally: Tally, wall_s: float, recording: Path | None, recorder: Recorder | None
+) -> dict[str, Any]:
     """The run in numbers, under the keys of --json."""
     last, timestep = tally.last, scene.model.opt.timestep
     steps = last.step
@@ -175,18 +161,21 @@ def summarise(scene: Scene, tally: Tally, wall_s: float, recording: Path | None)
         "realtime_factor": steps * timestep / wall_s,
         "buoyancy_us_per_step": 1e6 * last.buoyancy_seconds / max(steps, 1),
         "step_us": 1e6 * (last.step_seconds - last.buoyancy_seconds) / max(steps, 1),
+        "logging_ms_per_frame": recorder and 1e3 * recorder.seconds / max(recorder.frames, 1),
         "bodies": tally.bodies(),
         "recording": None if recording is None else str(recording),
     }
 
 
 def print_summary(summary: dict[str, Any]) -> None:
+    logging = summary["logging_ms_per_frame"]
     print(
         f"{summary['scene']}: {summary['steps']} steps of {summary['timestep']:g} s, "
         f"{summary['duration']:.2f} s simulated in {summary['wall_s']:.2f} s "
         f"({summary['realtime_factor']:.1f} x real time)\n"
         f"a step: {summary['buoyancy_us_per_step']:.1f} us in buoyancy, "
-        f"{summary['step_us']:.1f} us in MuJoCo\n"
+        f"{summary['step_us']:.1f} us in MuJoCo"
+        + ("\n" if logging is None else f"; a frame: {logging:.2f} ms in logging\n")
     )
     width = max(len("mean of"), *map(len, summary["bodies"]))
     print(f"{'mean of':<{width}}  height m  tilt deg  submerged  force/weight")
@@ -202,29 +191,8 @@ def print_summary(summary: dict[str, Any]) -> None:
         print(f"\nrecorded {size:.1f} MB; look at it with: {viewer} {summary['recording']}")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    options = parse_arguments(arguments)
-    recording = None
-    if not options.no_record:
-        recording = options.record or Path("recordings") / f"{options.scene.stem}.rrd"
-    try:
-        scene = load(options)
-        if options.json is not None:
-            options.json.open("a").close()
-        recorder = open_recorder(recording, scene, options)
-    except (ValueError, OSError) as error:
-        print(f"run.py: {error}", file=sys.stderr)
-        return UNUSABLE_INPUT
-    except KeyboardInterrupt:
-        print("run.py: interrupted before the run began", file=sys.stderr)
-        return INTERRUPTED
-    if options.tolerance is not None and not scene.buoyancy.takes_tolerance:
-        print("run.py: note: none of the scene's methods takes a tolerance", file=sys.stderr)
-    tally = Tally(scene)
-    started = perf_counter()
-    with recorder or nullcontext():
-        status = run(scene, options, recorder, tally)
-    summary = summarise(scene, tally, perf_counter() - started, recording)
+def report(summary: dict[str, Any], options: argparse.Namespace, status: int) -> int:
+    """Write and print the summary; return the exit status."""
     if options.json is not None:
         try:
             options.json.write_text(json.dumps(summary, indent=2) + "\n")
@@ -236,10 +204,30 @@ def main(arguments: list[str] | None = None) -> int:
     return status
 
 
+def main(arguments: list[str] | None = None) -> int:
+    options = parse_arguments(arguments)
+    recording = None
+    if not options.no_record:
+        recording = options.record or Path("recordings") / f"{options.scene.stem}.rrd"
+    with ExitStack() as stack:
+        try:
+            scene = load(options)
+            if options.json is not None:
+                options.json.open("a").close()
+            received = stack.enter_context(stop_signals())
+            recorder = open_recorder(recording, scene, options)
+        except (ValueError, OSError) as error:
+            print(f"run.py: {error}", file=sys.stderr)
+            return UNUSABLE_INPUT
+        if options.tolerance is not None and not scene.buoyancy.takes_tolerance:
+            print("run.py: note: none of the scene's methods takes a tolerance", file=sys.stderr)
+        tally = Tally(scene)
+        started = perf_counter()
+        with recorder or nullcontext():
+            status = run(scene, options, recorder, tally, received)
+        summary = summarise(scene, tally, perf_counter() - started, recording, recorder)
+        return report(summary, options, status)
+
+
 if __name__ == "__main__":
-    exit_status = main()
-    if exit_status == UNWRITABLE:  # a dead writer would hold up Python's orderly end for ever
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(exit_status)
-    sys.exit(exit_status)
+    run_script(main)

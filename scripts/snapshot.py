@@ -18,7 +18,6 @@ import sys
 import tempfile
 import threading
 import time
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
@@ -26,11 +25,13 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, NoReturn
 
+from command_line import INTERRUPTED, Parser, interruptible, run_script
+
 from PIL import Image
-from rerun.chunk import RrdReader
+from read_recording import reader, whole
 from rerun.experimental import ViewerClient
 
-NO_PICTURE, INTERRUPTED = 2, 130
+NO_PICTURE = 2
 
 TIMELINE = "time"
 """Name of the recording's timeline of simulated seconds."""
@@ -53,13 +54,6 @@ NO_DRIVER = ("No graphics adapter was found", "Failed to get render context")
 
 class SnapshotError(Exception):
     """Why there is no picture and what to do about it, in one line."""
-
-
-class Parser(argparse.ArgumentParser):
-    """Says what is wrong with the command line in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(NO_PICTURE, f"{self.prog}: {message} (see --help)\n")
 
 
 def side(text: str) -> int:
@@ -110,11 +104,8 @@ def recorded_span(path: Path) -> tuple[float, float]:
         raise SnapshotError(f"there is no recording file {path}; make one with scripts/run.py")
     spans = []
     try:
-        with warnings.catch_warnings():
-            # A run that was killed leaves no table of contents; what it recorded is all there.
-            warnings.filterwarnings("ignore", message="RRD file has no footer")
-            chunks = RrdReader(path).stream().filter(has_timeline=TIMELINE)
-            for chunk in chunks:
+        with reader(path) as recording:
+            for chunk in recording.stream().filter(has_timeline=TIMELINE):
                 times = chunk.to_record_batch().column(TIMELINE).to_numpy(zero_copy_only=False)
                 if len(times) and times.dtype.kind == "m":
                     spans.append((times.min(), times.max()))
@@ -281,17 +272,17 @@ def take(options: argparse.Namespace) -> None:
     """Make the picture that is asked for and write it."""
     time_s = moment(options.recording, options.time)
     check_writable(options.output)
-    with viewer(options.width, options.height + TITLE_STRIP, options.timeout) as client:
-        picture = draw(client, options.recording, time_s)
+    size = options.width, options.height + TITLE_STRIP
+    with whole(options.recording) as recording, viewer(*size, options.timeout) as client:
+        picture = draw(client, recording, time_s)
     image = Image.open(BytesIO(picture))
-    expected = (options.width, options.height + TITLE_STRIP)
-    if image.size != expected:
+    if image.size != size:
         raise SnapshotError(
-            f"the viewer drew {image.size} pixels instead of {expected}; ask for another size"
+            f"the viewer drew {image.size} pixels instead of {size}; ask for another size"
         )
     try:
         options.output.parent.mkdir(parents=True, exist_ok=True)
-        image.crop((0, TITLE_STRIP, *expected)).save(options.output, format="PNG")
+        image.crop((0, TITLE_STRIP, *size)).save(options.output, format="PNG")
     except OSError as error:
         raise SnapshotError(f"cannot write the picture {options.output}: {error}") from error
     print(f"{options.output}: {options.recording} at {time_s:.3f} s")
@@ -316,7 +307,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Make the picture asked for; return the exit status."""
     options = parse_arguments(arguments)
     try:
-        with ending_in_order():
+        with ending_in_order(), interruptible():
             take(options)
     except (SnapshotError, OSError) as error:
         print(f"snapshot.py: {one_line(error)}", file=sys.stderr)
@@ -328,4 +319,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

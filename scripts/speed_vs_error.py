@@ -4,7 +4,7 @@
     python scripts/speed_vs_error.py --quick
     python scripts/speed_vs_error.py --sources
 
-Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C.
+Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C, with the rows until then printed.
 """
 
 import argparse
@@ -18,19 +18,22 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-import trimesh
-from error_sources import error_sources, print_sources
-
 from command_line import (
     INTERRUPTED,
     UNUSABLE_INPUT,
     Parser,
     at_least,
     clear_progress,
+    interruptible,
     positive,
+    run_script,
     show_progress,
 )
+
+import numpy as np
+import trimesh
+from error_sources import error_sources, print_sources
+
 from sim import Hull, Reference, Sea
 from sim.accuracy import SEAS, Pose, errors, time_in_turns, waterline_poses, wrenches
 from sim.methods import make_method
@@ -158,7 +161,7 @@ def measure_case(
 
 def print_rows(rows: Sequence[dict[str, Any]]) -> None:
     """The rows as tables, one for each hull in each sea."""
-    width = max(len("method"), *(len(row["method"]) for row in rows))
+    width = max(map(len, ["method", *(row["method"] for row in rows)]))
     for row in rows:
         if row["baseline"]:
             print(
@@ -279,43 +282,63 @@ def check_outputs(options: argparse.Namespace) -> None:
             path.open("a").close()
 
 
-def collect(options: argparse.Namespace) -> list[dict[str, Any]]:
-    """Measure all rows, with a progress bar where someone may be looking."""
-    rows, show = [], sys.stderr.isatty()
+def collect(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
+    """Measure all rows and add them, with a progress bar where someone may be looking."""
+    show = sys.stderr.isatty()
     total = len(options.hulls) * len(options.seas) * len(options.methods)
-    for row in measure(options):
-        rows.append(row)
+    try:
+        for row in measure(options):
+            rows.append(row)
+            if show:
+                show_progress(len(rows), total, "rows")
+    finally:
         if show:
-            show_progress(len(rows), total, "rows")
-    if show:
-        clear_progress()
-    return rows
+            clear_progress()
+
+
+def write_report(options: argparse.Namespace, report: dict[str, Any]) -> None:
+    if options.json is not None:
+        options.json.write_text(json.dumps(report, indent=2) + "\n")
+
+
+def report_rows(options: argparse.Namespace) -> int:
+    """Measure, print, draw and write; after Ctrl-C what there is. Return the exit status."""
+    rows: list[dict[str, Any]] = []
+    status = 0
+    try:
+        with interruptible():
+            collect(options, rows)
+    except KeyboardInterrupt:
+        print("speed_vs_error.py: interrupted", file=sys.stderr)
+        status = INTERRUPTED
+    report = {"poses": options.poses, "seed": options.seed, "truth": TRUTH, "rows": rows}
+    write_report(options, report)
+    print_rows(rows)
+    print_fastest(rows)
+    if options.figure is not None and not status:
+        draw(rows, options.figure)
+    return status
+
+
+def report_sources(options: argparse.Namespace) -> int:
+    """The same for the other sources of error, which come all at once."""
+    report = error_sources(make_hull, options.poses, options.seed)
+    write_report(options, report)
+    print_sources(report)
+    return 0
 
 
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check_outputs(options)
-        if options.sources:
-            report = error_sources(make_hull, options.poses, options.seed)
-            print_sources(report)
-        else:
-            rows = collect(options)
-            report = {"poses": options.poses, "seed": options.seed, "truth": TRUTH, "rows": rows}
-            print_rows(rows)
-            print_fastest(rows)
-            if options.figure is not None:
-                draw(rows, options.figure)
+        return report_sources(options) if options.sources else report_rows(options)
+    except BrokenPipeError:
+        raise
     except (ValueError, OSError) as error:
         print(f"speed_vs_error.py: {error}", file=sys.stderr)
         return UNUSABLE_INPUT
-    except KeyboardInterrupt:
-        print("speed_vs_error.py: interrupted", file=sys.stderr)
-        return INTERRUPTED
-    if options.json is not None:
-        options.json.write_text(json.dumps(report, indent=2) + "\n")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

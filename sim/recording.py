@@ -10,6 +10,7 @@ Entities, all in world axes [m]:
     world/focus                     what the camera looks at and moves with
     plots/<quantity>/<body>         height and water height [m], tilt [deg], submerged
                                     fraction [-], vertical buoyant force [weights]
+    others/<quantity>               the same of all bodies beyond MOST_PLOTTED, in one row, named
     overview                        scene, sea, hulls and settings; at the end the means
 
 on the timelines `time` (simulated seconds) and `frame`.
@@ -20,9 +21,11 @@ import os
 import socket
 import sys
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from time import monotonic, perf_counter
 from types import TracebackType
 from typing import Any, NoReturn
 
@@ -33,12 +36,13 @@ from numpy.typing import NDArray
 
 from sim.scene import Scene
 from sim.sea import Sea
-from sim.simulation import Sample, Tally
+from sim.simulation import Sample, Tally, observe
 from sim.skin import Skin, Skins
 from sim.waterline import heads, waterlines
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+_Send = Callable[[str, rr.ComponentColumnList], None]
 
 WATER_RESOLUTION = 48
 """Vertices along a side of the water's grid; a frame takes 16 bytes for each of its square."""
@@ -57,9 +61,17 @@ MOST_SHADED_VERTICES = 20_000
 """Of all hulls together; with more of them the wet part is not told apart by colour, because
 writing the colours anew takes 4 bytes for each vertex and frame."""
 
+MOST_WATERLINE_POINTS = 4000
+"""In a frame, of all hulls together; of more only every second, third ... is kept. Each takes 12
+bytes, so a hundred finely drawn hulls would take more than the water."""
+
+FEWEST_OF_A_CURVE = 12
+"""Points that a waterline keeps in any case."""
+
 MOST_PLOTTED = 6
-"""Bodies in the plots and the overview, the first ones; the series of the others are in the
-recording too. With more bodies than these there are no trails: they would be a thicket."""
+"""Bodies in the plots and the overview, the first ones. The series of the others are in the
+recording too, as rows of one entity: an entity each would take ten times the space. With more
+bodies than these there are no trails: they would be a thicket."""
 
 MOST_WAVES_NAMED = 4
 """Waves of a sea up to which the overview has each."""
@@ -72,6 +84,9 @@ WATER_OPACITY = 125
 SKY_COLOUR = (40, 56, 72)
 WET_TINT, WET_SHARE = np.array([20.0, 70.0, 130.0]), 0.4
 """A wet surface has this share of the colour WET_TINT."""
+
+GOLDEN_TURN = 0.618
+"""From one twin's hue to the next: however many there are, no two of them come near each other."""
 
 WATER_SERIES_COLOUR = np.array([90.0, 150.0, 200.0])
 ARROW_IN_HULLS = 0.55
@@ -98,7 +113,13 @@ SERIES = {
     "submerged_fraction": "plots/submerged/{}",
     "vertical_force": "plots/force/{}",
 }
-"""Entity path of every quantity of a body."""
+"""Entity path of every quantity of a body that is plotted."""
+
+OTHER_SERIES = {
+    quantity: path.replace("plots/", "others/").replace("/{}", "")
+    for quantity, path in SERIES.items()
+}
+"""Entity path of every quantity of all those that are not."""
 
 VIEWER_PORT = 9876
 """Where a Rerun viewer listens."""
@@ -106,6 +127,16 @@ VIEWER_PORT = 9876
 FLUSH_SECONDS = 5.0
 """Longest wait for the disk to take about a megabyte. Rerun's writer, once it has given up, leaves
 a flush unanswered, so this is also how long it takes to notice that the disk is full."""
+
+BATCH_SECONDS = 1.0
+"""Simulated time that is sent at once, in columns: a row by itself costs ten times as much."""
+
+LONGEST_WAIT, LONGEST_WAIT_TO_VIEW = 0.7, 0.05
+"""Seconds of wall time after which what there is of a batch is sent: a run that is killed loses no
+more than that and a frame, and somebody who looks on sees it move."""
+
+SHADES = 256
+"""Colours from dry to wet and from trough to crest."""
 
 ABANDONED: list[rr.RecordingStream] = []
 """Streams whose writer has died. A process that has one must leave by `os._exit`."""
@@ -126,11 +157,7 @@ class _Output:
         self._stream = stream = rr.RecordingStream("waterline")
         stream.set_log_time_enabled(False)
         stream.set_log_tick_enabled(False)
-        self.set_time, self.log, self.send_columns = (
-            stream.set_time,
-            stream.log,
-            stream.send_columns,
-        )
+        self.log, self.send_columns = stream.log, stream.send_columns
         sinks = []
         if view:
             _open_viewer()
@@ -187,7 +214,7 @@ class _Part:
 
     def __init__(self, output: _Output, root: str) -> None:
         self._output, self._root = output, root
-        self.set_time, self.flush = output.set_time, output.flush
+        self.flush = output.flush
 
     def log(self, entity: str, *what: Any, **options: Any) -> None:
         self._output.log(f"{self._root}/{entity}".rstrip("/"), *what, **options)
@@ -215,7 +242,9 @@ class Recorder:
     one a sample; water_size [m]: side of the water's square; water_resolution: vertices along
     that side; view: open a viewer, or use the one that is open, and show the run as it goes.
 
-    output: part of a recording that is open already, instead of a file of its own.
+    output: part of a recording that is open already, instead of a file of its own; hue: by which
+    the bodies' colours are off, in turns.
+    frames, seconds: how many there are by now, and the wall time that they have taken.
 
     The file is readable whenever the block is left, by an exception too. Missing folders are
     made. Raises OSError when the file cannot be written, now or later (what was written until a
@@ -232,25 +261,32 @@ class Recorder:
         water_resolution: int = WATER_RESOLUTION,
         view: bool = False,
         output: _Part | None = None,
+        hue: float = 0.0,
     ) -> None:
         _check_numbers(rate, water_size, water_resolution)
         self.path = None if path is None else Path(path)
         self.scene = scene
         self._period = 0.0 if rate is None else 1.0 / rate
         self._due: float | None = None
-        self._frame = 0
-        self._waiting: list[Sample] = []
+        self.frames, self.seconds = 0, 0.0
+        self._waiting: list[_Frame] = []
+        self._longest_wait = LONGEST_WAIT_TO_VIEW if view else LONGEST_WAIT
         self._tally = Tally(scene)
-        self._skins = Skins(scene.buoyancy)
+        self._skins = Skins(scene.buoyancy, hue)
         self._largest_skins = self._skins.of_bodies()
-        self._shaded = self._skins.vertex_count <= MOST_SHADED_VERTICES
+        names = scene.buoyancy.body_names
+        self._plotted, self._others = names[:MOST_PLOTTED], names[MOST_PLOTTED:]
+        self._prepare_shades()
         side = water_size or _extent(scene, WATER_IN_HULLS, WATER_IN_SPREADS)
         self._steps = 0.5 * side * np.linspace(-1.0, 1.0, water_resolution)
         self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
-        self._trail: deque[Sample] = deque()
+        self._trail: deque[tuple[float, NDArray[np.float32]]] = deque()
         self._output = output or _Output(self.path, scene.name, _blueprint(scene), view)
         self._log_static()
         self._output.flush()
+        self._drawn(observe(scene))  # compiles what is not, before the run's time counts
+        self._trail.clear()
+        self._sent_at = monotonic()
 
     def __enter__(self) -> "Recorder":
         return self
@@ -268,40 +304,40 @@ class Recorder:
         does nothing."""
         if not self._output.is_open:
             return
-        self._send_series()
+        started = perf_counter()
+        self._send()
         self._log_overview()
         self._output.close()
+        self.seconds += perf_counter() - started
 
     def log(self, sample: Sample) -> None:
         """Add one sample as the next frame, unless it comes before one is due."""
+        started = perf_counter()
         self._tally.add(sample)
         if self._due is None:
             self._due = sample.time
-        if sample.time < self._due - 1e-9:
-            return
-        self._due += self._period
-        output = self._output
-        output.set_time("time", duration=sample.time)
-        output.set_time("frame", sequence=self._frame)
-        for name, position, quaternion in zip(
-            self.scene.buoyancy.body_names, sample.positions, sample.quaternions, strict=True
-        ):
-            output.log(
-                f"world/bodies/{_part(name)}",
-                rr.Transform3D(translation=position, quaternion=np.roll(quaternion, -1)),
-            )
-        focus = [*sample.centres[:, :2].mean(axis=0), self.scene.buoyancy.sea.level]
-        output.log("world/focus", rr.Transform3D(translation=focus))
-        self._log_water(sample)
-        self._log_hulls(sample)
-        self._log_forces(sample)
-        if len(sample.centres) <= MOST_PLOTTED:
-            self._log_trail(sample)
-        self._frame += 1
-        self._waiting.append(sample)
-        if sample.time - self._waiting[0].time >= 1.0:
-            self._send_series()
-            output.flush()
+        if sample.time >= self._due - 1e-9:
+            self._due += self._period
+            self.frames += 1
+            self._waiting.append(self._drawn(sample))
+            first = self._waiting[0].sample
+            late = monotonic() - self._sent_at > self._longest_wait
+            if late or sample.time - first.time >= BATCH_SECONDS:
+                self._send()
+                self._output.flush()
+        self.seconds += perf_counter() - started
+
+    def _prepare_shades(self) -> None:
+        """Colours from dry to wet, which follow each other within half an edge."""
+        skins = self._skins
+        self._shaded = skins.vertex_count <= MOST_SHADED_VERTICES
+        self._palettes = [
+            _palette(skin.rgba[:3], skin.rgba[:3] + WET_SHARE * (WET_TINT - skin.rgba[:3]))
+            for skin in skins
+        ]
+        self._wetness_per_metre = np.empty(skins.vertex_count)
+        for skin in skins:
+            self._wetness_per_metre[skin.vertices] = 2.0 / skin.edge
 
     def _log_static(self) -> None:
         """All that stays as it is over the run."""
@@ -352,12 +388,14 @@ class Recorder:
         )
         output.log("world/trail", trail, static=True)
         for quantity, path in SERIES.items():
-            for name, skin in zip(self.scene.buoyancy.body_names, skins, strict=True):
+            for name, skin in zip(self._plotted, skins, strict=False):
                 colour, label, width = skin.rgba[:3], name, 2.0
                 if quantity == "water_height":
                     colour, label, width = WATER_SERIES_COLOUR, f"water at {name}", 1.0
                 line = rr.SeriesLines(names=label, colors=[_rounded(colour)], widths=[width])
                 output.log(path.format(_part(name)), line, static=True)
+            if self._others:
+                output.log(OTHER_SERIES[quantity], rr.SeriesLines(names=self._others), static=True)
 
     def _entity(self, skin: Skin) -> str:
         buoyancy = self.scene.buoyancy
@@ -369,65 +407,109 @@ class Recorder:
         document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
         self._output.log("overview", document, static=True)
 
-    def _log_water(self, sample: Sample) -> None:
-        """The particles of a grid of labels, which travel to and fro as the water does. The grid
-        follows the bodies by whole cells, so that it does not swim under the eye."""
+    def _drawn(self, sample: Sample) -> "_Frame":
+        """What a sample looks like."""
+        particles = self._particles(sample)
         sea = self.scene.buoyancy.sea
+        highest = max(min(sea.amplitude, 0.5 * sea.significant_height), 1e-9)
+        heights = (particles[:, 2] - sea.level) / (2.0 * highest)
+        points = self._skins.placed(sample)
+        depths = heads(sea, points, sample.time)
+        skins = self._skins
+        curves = waterlines(sea, sample.time, points, skins.faces, skins.across, depths)
+        trail = []
+        if len(sample.centres) <= MOST_PLOTTED:
+            self._trail.append((sample.time, sample.centres.astype(np.float32)))
+            while sample.time - self._trail[0][0] > TRAIL_SECONDS:
+                self._trail.popleft()
+            trail = list(np.stack([centres for _, centres in self._trail], axis=1))
+        return _Frame(
+            sample=sample,
+            particles=particles.astype(np.float32),
+            heights=_shades(heights),
+            curves=[curve.astype(np.float32) for curve in thinned(curves)],
+            wetness=_shades(depths * self._wetness_per_metre) if self._shaded else None,
+            trail=trail,
+        )
+
+    def _particles(self, sample: Sample) -> Array:
+        """Positions (N, 3) [m] of the particles of a grid of labels, which travel to and fro as the
+        water does. The grid follows the bodies by whole cells, so that it does not swim under the
+        eye."""
         cell = self._steps[1] - self._steps[0]
         middle = np.round(sample.centres[:, :2].mean(axis=0) / cell) * cell
         labels = middle[:, None] + self._steps
-        particles = sea.particle_grid(*labels, sample.time).reshape(-1, 3)
-        highest = max(min(sea.amplitude, 0.5 * sea.significant_height), 1e-9)
-        share = np.clip(0.5 + 0.5 * (particles[:, 2:] - sea.level) / highest, 0.0, 1.0)
-        colours = TROUGH_COLOUR + share * (CREST_COLOUR - TROUGH_COLOUR)
-        water = rr.Mesh3D.from_fields(
-            vertex_positions=particles.astype(np.float32), vertex_colors=_packed(colours)
-        )
-        self._output.log("world/water", water)
+        return self.scene.buoyancy.sea.particle_grid(*labels, sample.time).reshape(-1, 3)
 
-    def _log_hulls(self, sample: Sample) -> None:
-        """The waterline, and the wet part of each hull darker than the dry one."""
-        sea, skins = self.scene.buoyancy.sea, self._skins
-        points = skins.placed(sample)
-        depths = heads(sea, points, sample.time)
-        curves = waterlines(sea, sample.time, points, skins.faces, depths)
-        lines = rr.LineStrips3D.from_fields(strips=[c.astype(np.float32) for c in curves])
-        self._output.log("world/waterline", lines)
-        for skin in skins if self._shaded else ():
-            wet = np.clip(0.5 + depths[skin.vertices] / (0.5 * skin.edge), 0.0, 1.0)[:, None]
-            colours = _packed(skin.rgba[:3] + WET_SHARE * wet * (WET_TINT - skin.rgba[:3]))
-            shade = rr.Mesh3D.from_fields(vertex_colors=colours[skin.corner_vertices])
-            self._output.log(self._entity(skin), shade)
-
-    def _log_forces(self, sample: Sample) -> None:
-        """Arrows at the centres of mass; the weight's vectors never change."""
-        origins = sample.centres.astype(np.float32)
-        wrenches = {"buoyancy": sample.body_wrenches, "drag": sample.drag_wrenches}
-        for name, wrench in wrenches.items():
-            vectors = (self._metres_per_newton * wrench[:, :3]).astype(np.float32)
-            arrows = rr.Arrows3D.from_fields(vectors=vectors, origins=origins)
-            self._output.log(f"world/forces/{name}", arrows)
-        self._output.log("world/forces/weight", rr.Arrows3D.from_fields(origins=origins))
-
-    def _log_trail(self, sample: Sample) -> None:
-        self._trail.append(sample)
-        while sample.time - self._trail[0].time > TRAIL_SECONDS:
-            self._trail.popleft()
-        centres = np.stack([s.centres for s in self._trail], axis=1)
-        self._output.log(
-            "world/trail", rr.LineStrips3D.from_fields(strips=centres.astype(np.float32))
-        )
-
-    def _send_series(self) -> None:
-        """Send the time series in batches: one call a series costs as much as one a frame."""
+    def _send(self) -> None:
+        """Send the frames that are waiting, every entity's in one call."""
+        self._sent_at = monotonic()
         if not self._waiting:
             return
-        samples, self._waiting = self._waiting, []
-        first = self._frame - len(samples)
+        frames, self._waiting = self._waiting, []
+        samples = [frame.sample for frame in frames]
         indexes = [
-            rr.TimeColumn("time", duration=[s.time for s in samples]),
-            rr.TimeColumn("frame", sequence=range(first, self._frame)),
+            rr.TimeColumn("time", duration=[sample.time for sample in samples]),
+            rr.TimeColumn("frame", sequence=range(self.frames - len(frames), self.frames)),
         ]
+
+        def send(entity: str, columns: rr.ComponentColumnList) -> None:
+            self._output.send_columns(entity, indexes=indexes, columns=columns)
+
+        self._send_poses(samples, send)
+        self._send_surfaces(frames, send)
+        self._send_lines(frames, send)
+        self._send_forces(samples, send)
+        self._send_series(samples, send)
+
+    def _send_poses(self, samples: list[Sample], send: _Send) -> None:
+        for i, name in enumerate(self.scene.buoyancy.body_names):
+            pose = rr.Transform3D.columns(
+                translation=[s.positions[i] for s in samples],
+                quaternion=np.roll([s.quaternions[i] for s in samples], -1, axis=1),
+            )
+            send(f"world/bodies/{_part(name)}", pose)
+        level = self.scene.buoyancy.sea.level
+        focus = [[*s.centres[:, :2].mean(axis=0), level] for s in samples]
+        send("world/focus", rr.Transform3D.columns(translation=focus))
+
+    def _send_surfaces(self, frames: list["_Frame"], send: _Send) -> None:
+        """The water, and the wet part of each hull darker than the dry one."""
+        water = rr.Mesh3D.columns(
+            vertex_positions=np.concatenate([f.particles for f in frames]),
+            vertex_colors=WATER_PALETTE[np.concatenate([f.heights for f in frames])],
+        )
+        send("world/water", water.partition([f.particles.shape[0] for f in frames]))
+        if not self._shaded:
+            return
+        wetness = np.stack([f.wetness for f in frames])
+        for skin, palette in zip(self._skins, self._palettes, strict=True):
+            of_corners = np.take(wetness, skin.vertices.start + skin.corner_vertices, axis=1)
+            shade = rr.Mesh3D.columns(vertex_colors=np.take(palette, of_corners).ravel())
+            send(self._entity(skin), shade.partition([len(skin.corners)] * len(frames)))
+
+    def _send_lines(self, frames: list["_Frame"], send: _Send) -> None:
+        lines = {"waterline": [f.curves for f in frames], "trail": [f.trail for f in frames]}
+        for name, strips in lines.items():
+            columns = rr.LineStrips3D.columns(strips=[line for frame in strips for line in frame])
+            if name == "waterline" or any(strips):
+                send(f"world/{name}", columns.partition([len(frame) for frame in strips]))
+
+    def _send_forces(self, samples: list[Sample], send: _Send) -> None:
+        """Arrows at the centres of mass; the weight's vectors never change."""
+        sizes = [len(s.centres) for s in samples]
+        origins = np.concatenate([s.centres for s in samples]).astype(np.float32)
+        wrenches = {
+            "buoyancy": [s.body_wrenches for s in samples],
+            "drag": [s.drag_wrenches for s in samples],
+        }
+        for name, wrench in wrenches.items():
+            vectors = np.stack(wrench)[:, :, :3] * self._metres_per_newton
+            arrows = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), origins=origins)
+            send(f"world/forces/{name}", arrows.partition(sizes))
+        send("world/forces/weight", rr.Arrows3D.columns(origins=origins).partition(sizes))
+
+    def _send_series(self, samples: list[Sample], send: _Send) -> None:
         values = {
             "height": [s.centres[:, 2] for s in samples],
             "water_height": [s.elevations for s in samples],
@@ -436,13 +518,30 @@ class Recorder:
             "vertical_force": [s.body_wrenches[:, 2] / self._weights for s in samples],
         }
         for quantity, path in SERIES.items():
-            for i, name in enumerate(self.scene.buoyancy.body_names):
-                series = [row[i] for row in values[quantity]]
-                self._output.send_columns(
-                    path.format(_part(name)),
-                    indexes=indexes,
-                    columns=rr.Scalars.columns(scalars=series),
-                )
+            of_bodies = np.stack(values[quantity], axis=1)
+            for name, series in zip(self._plotted, of_bodies, strict=False):
+                send(path.format(_part(name)), rr.Scalars.columns(scalars=series))
+            if self._others:
+                rows = rr.Scalars.columns(scalars=of_bodies[MOST_PLOTTED:].T.ravel())
+                sizes = [len(self._others)] * len(samples)
+                send(OTHER_SERIES[quantity], rows.partition(sizes))
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """What is drawn of a sample and not sent yet.
+
+    particles: (N, 3) [m] of the water and heights (N,) in shades from trough to crest; curves: the
+    waterlines, each (., 3) [m]; wetness: (V,) of the hulls' vertices in shades, None without;
+    trail: of each body (., 3) [m].
+    """
+
+    sample: Sample
+    particles: NDArray[np.float32]
+    heights: NDArray[np.uint8]
+    curves: list[NDArray[np.float32]]
+    wetness: NDArray[np.uint8] | None
+    trail: list[NDArray[np.float32]]
 
 
 class SideBySideRecorder:
@@ -452,8 +551,9 @@ class SideBySideRecorder:
             for samples in zip(simulate(one, 10.0), simulate(other, 10.0)):
                 recorder.log(samples)
 
-    Each has a 3D view of its own, titled with its label, all in the same water; their plots
-    share axes. What a `Recorder` writes stands below the entity <label>. Raises OSError as it does.
+    Each has a 3D view of its own, titled with its label, all in the same water, and colours of its
+    own there and in the plots, which share axes. What a `Recorder` writes stands below the entity
+    <label>. Raises OSError as it does.
     """
 
     def __init__(self, path: str | Path, scenes: Mapping[str, Scene]) -> None:
@@ -462,10 +562,12 @@ class SideBySideRecorder:
         name = f"{first.name}: {', '.join(scenes)}"
         self._output = _Output(self.path, name, _side_by_side_blueprint(scenes))
         self._recorders = [
-            Recorder(self.path, scene, output=_Part(self._output, _part(label)))
-            for label, scene in scenes.items()
+            Recorder(
+                self.path, scene, output=_Part(self._output, _part(label)), hue=i * GOLDEN_TURN
+            )
+            for i, (label, scene) in enumerate(scenes.items())
         ]
-        bodies = first.buoyancy.body_names
+        bodies = first.buoyancy.body_names[:MOST_PLOTTED]
         for label, path_of, body in product(scenes, SERIES.values(), bodies):
             name = f"water at {body}" if path_of.endswith("water") else body
             line = rr.SeriesLines(names=f"{name}, {label}")
@@ -481,6 +583,10 @@ class SideBySideRecorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Write what is waiting and close the file; a second time does nothing."""
         if self._output.is_open:
             for recorder in self._recorders:
                 recorder.close()
@@ -531,15 +637,36 @@ def _rounded(colour: Array) -> NDArray[np.uint8]:
     return np.round(colour).astype(np.uint8)
 
 
-def _packed(colours: Array) -> NDArray[np.uint32]:
-    """Opaque colours (N, 3) in 0 ... 255 as Rerun keeps them, 0xRRGGBBAA."""
-    r, g, b = _rounded(colours).astype(np.uint32).T
+def thinned(curves: list[Array]) -> list[Array]:
+    """Closed curves with about MOST_WATERLINE_POINTS together, if they have more."""
+    every = -(-sum(map(len, curves)) // MOST_WATERLINE_POINTS)
+    if every < 2:
+        return curves
+    steps = [max(1, min(every, len(curve) // FEWEST_OF_A_CURVE)) for curve in curves]
+    return [
+        np.concatenate([curve[:-1:step], curve[:1]])
+        for curve, step in zip(curves, steps, strict=True)
+    ]
+
+
+def _shades(values: Array) -> NDArray[np.uint8]:
+    """Which of the SHADES values from -1/2 to 1/2 have; those beyond have the last ones."""
+    return np.clip(SHADES * (values + 0.5), 0.0, SHADES - 1.0).astype(np.uint8)
+
+
+def _palette(first: Array, last: Array) -> NDArray[np.uint32]:
+    """The opaque SHADES between two colours (3,) in 0 ... 255 as Rerun keeps them, 0xRRGGBBAA."""
+    share = np.linspace(0.0, 1.0, SHADES)[:, None]
+    r, g, b = _rounded(first + share * (last - first)).astype(np.uint32).T
     return (r << 24) | (g << 16) | (b << 8) | 255
 
 
 def _part(name: str) -> str:
     """A name as one part of an entity path, whatever characters it has."""
     return rr.escape_entity_path_part(name)
+
+
+WATER_PALETTE = _palette(TROUGH_COLOUR, CREST_COLOUR)
 
 
 def _extent(scene: Scene, in_hulls: float, in_spreads: float) -> float:
@@ -599,9 +726,10 @@ def sea_in_words(sea: Sea) -> str:
     return f"waves (amplitude x length) {', '.join(waves)}, steepness {sea.steepness:.2f}"
 
 
-def _view(scene: Scene, name: str, root: str = "") -> rrb.Spatial3DView:
-    """The bodies and the water around them, seen from a place that moves with them."""
-    distance = _extent(scene, EYE_IN_HULLS, EYE_IN_SPREADS)
+def _view(scene: Scene, name: str, root: str = "", abreast: int = 1) -> rrb.Spatial3DView:
+    """The bodies and the water around them, seen from a place that moves with them, and from
+    further away by a view that is one of several abreast, hence narrow."""
+    distance = np.sqrt(abreast) * _extent(scene, EYE_IN_HULLS, EYE_IN_SPREADS)
     eye = rrb.EyeControls3D(
         position=distance * EYE_DIRECTION, look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
     )
@@ -637,7 +765,9 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
 
 
 def _side_by_side_blueprint(scenes: Mapping[str, Scene]) -> rrb.Blueprint:
-    views = [_view(scene, label, f"{_part(label)}/") for label, scene in scenes.items()]
+    views = [
+        _view(scene, label, f"{_part(label)}/", len(scenes)) for label, scene in scenes.items()
+    ]
     plots = [
         _plot(entity, [f"/{_part(label)}/plots/{entity}/**" for label in scenes])
         for entity in PLOTS

@@ -372,8 +372,11 @@ def _per_time(
 ) -> Array:
     """Broadcast x, y and time, call solve(x, y, t) with flat x, y once for every distinct
     time (the kernels keep the time out of their inner loops) and put the result in shape."""
-    is_one_time = np.size(time) == 1
-    x, y, time = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (x, y, time)))
+    x, y, time = (np.asarray(v, dtype=float) for v in (x, y, time))
+    is_one_time = time.size == 1
+    if not (time.ndim == 0 and x.shape == y.shape):
+        x, y, time = np.broadcast_arrays(x, y, time)
+    shape = x.shape
     x, y = np.ravel(x), np.ravel(y)
     if is_one_time:  # the usual case: sorting the times would cost more than solving
         result = solve(x, y, float(time.flat[0]) if time.size else 0.0)
@@ -383,4 +386,4 @@ def _per_time(
         result = np.empty((x.size, *solve(x[:0], y[:0], 0.0).shape[1:]))
         for i, t in enumerate(times):
             result[which == i] = solve(x[which == i], y[which == i], float(t))
-    return result.reshape(time.shape + result.shape[1:])
+    return result.reshape(shape + result.shape[1:])

@@ -4,6 +4,7 @@ Long edges are halved so that a waterline can bend between them, sharp edges get
 their own, and all hulls lie in one set of arrays, so that a hundred of them cost few calls.
 """
 
+import colorsys
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from sim.coupling import Buoyancy
 from sim.hull import Hull
 from sim.simulation import Sample
-from sim.waterline import refined
+from sim.waterline import faces_across, refined
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -24,6 +25,10 @@ EDGES_IN_A_HULL = 12
 SHARP_EDGE = float(np.cos(np.radians(30.0)))
 """Cosine of the angle between a face's normal and the mean one at its corner beyond which the
 corner is drawn sharp. A box has 45 degrees at its edges and 35 or more at its corners."""
+
+
+VIVID = 0.55, 0.75
+"""Saturation and value that a colour of another hue has at least: greys differ in hue too then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,22 +59,24 @@ class Skin:
 class Skins:
     """The skins of all hulls of a scene, in the order of `buoyancy.floats`.
 
-    faces: (F, 3) of all of them, indices into the (V, 3) vertices that `placed` gives.
+    faces: (F, 3) of all of them, indices into the (V, 3) vertices that `placed` gives; across:
+    (F, 3), the neighbours across their edges; hue: by which their colours are off, in turns.
     """
 
-    def __init__(self, buoyancy: Buoyancy) -> None:
+    def __init__(self, buoyancy: Buoyancy, hue: float = 0.0) -> None:
         self._bodies = buoyancy.float_bodies
         self._skins: list[Skin] = []
         self._in_body: list[Array] = []
         faces, count = [], 0
         for f in buoyancy.floats:
-            skin, vertices, own_faces = _skin(buoyancy, f.name, f.body, f.method.hull, count)
+            skin, vertices, own_faces = _skin(buoyancy, f.name, f.body, f.method.hull, count, hue)
             body = buoyancy.model.body(f.body)
             self._skins.append(skin)
             self._in_body.append(vertices @ rotation_matrix(body.iquat).T + body.ipos)
             faces.append(own_faces + count)
             count = skin.vertices.stop
         self.faces = np.concatenate(faces)
+        self.across = faces_across(self.faces)
         self.vertex_count = count
 
     def __iter__(self) -> Iterator[Skin]:
@@ -92,7 +99,7 @@ class Skins:
 
 
 def _skin(
-    buoyancy: Buoyancy, name: str, body: int, hull: Hull, first: int
+    buoyancy: Buoyancy, name: str, body: int, hull: Hull, first: int, hue: float
 ) -> tuple[Skin, Array, Indices]:
     """The skin of a hull whose vertices begin at `first`, and its refined surface."""
     sides = np.ptp(hull.bounds, axis=0)
@@ -102,7 +109,7 @@ def _skin(
     skin = Skin(
         name=name,
         body=body,
-        rgba=255.0 * buoyancy.model.geom(name).rgba,
+        rgba=255.0 * with_hue_turned(buoyancy.model.geom(name).rgba, hue),
         size=float(np.linalg.norm(sides)),
         edge=edge,
         vertices=slice(first, first + len(vertices)),
@@ -112,6 +119,15 @@ def _skin(
         corner_vertices=corner_vertices,
     )
     return skin, vertices, faces
+
+
+def with_hue_turned(rgba: Array, turns: float) -> Array:
+    """A colour (4,) in 0 ... 1 so many turns further along the circle of hues; itself for none."""
+    if turns == 0.0:
+        return rgba
+    hue, saturation, value = colorsys.rgb_to_hsv(*rgba[:3].tolist())
+    saturation, value = max(saturation, VIVID[0]), max(value, VIVID[1])
+    return np.array([*colorsys.hsv_to_rgb(hue + turns, saturation, value), rgba[3]])
 
 
 def shaded_corners(vertices: Array, faces: Indices) -> tuple[Indices, Indices, Array]:

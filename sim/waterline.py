@@ -7,12 +7,14 @@ drawn straight, so a hull of large triangles is `refined` first.
 """
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from sim.sea import Sea
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 WATERLINE_ERROR = 1e-5
 """Head [m] that a point of the waterline may be left with: far below what a picture shows."""
@@ -34,33 +36,64 @@ def heads(sea: Sea, points: Array, time: float) -> Array:
     return depths
 
 
+def faces_across(faces: Indices) -> Indices:
+    """The neighbour (F, 3) of each face of closed surfaces across its edges ab, bc and ca."""
+    count = int(faces.max()) + 1
+    ahead = np.roll(faces, -1, axis=1)
+    edges, reversed_edges = (faces * count + ahead).ravel(), (ahead * count + faces).ravel()
+    order = np.argsort(edges)
+    return (order[np.searchsorted(edges, reversed_edges, sorter=order)] // 3).reshape(-1, 3)
+
+
 def waterlines(
-    sea: Sea, time: float, vertices: Array, faces: Indices, depths: Array
+    sea: Sea, time: float, vertices: Array, faces: Indices, across: Indices, depths: Array
 ) -> list[Array]:
     """Closed curves (N, 3) [m] along which the sea cuts closed surfaces; the last point is the
     first again, and the wet side lies to the right as seen from outside.
 
     vertices: (V, 3) [m], world axes; faces: (F, 3), of one or more closed surfaces, outward;
-    depths: (V,), their `heads`. A point lies on an edge to round-off and on the sea's surface to
-    WATERLINE_ERROR.
+    across: (F, 3), their `faces_across`; depths: (V,), their `heads`. A point lies on an edge to
+    round-off and on the sea's surface to WATERLINE_ERROR.
     """
-    a, b, c = np.take(depths > 0.0, faces.T)
-    cut = faces[(a != b) | (b != c)]
-    wet = depths[cut] > 0.0
-    # Around a triangle the water begins on one edge and ends on another; the neighbour across an
-    # edge runs along it the other way, so where a curve leaves one triangle it enters the next.
-    rows, following = np.arange(len(cut)), np.roll(wet, -1, axis=1)
-    begins = np.argmax(~wet & following, axis=1)
-    ends = np.argmax(wet & ~following, axis=1)
-    dry_end, wet_end = cut[rows, begins], cut[rows, (begins + 1) % 3]
-    entered = dry_end * len(vertices) + wet_end
-    left = cut[rows, (ends + 1) % 3] * len(vertices) + cut[rows, ends]
-    order = np.argsort(entered)
-    successor = order[np.searchsorted(entered[order], left)]
-    points = _crossings(
-        sea, time, vertices[dry_end], vertices[wet_end], depths[dry_end], depths[wet_end]
-    )
-    return [points[cycle + cycle[:1]] for cycle in _cycles(successor.tolist())]
+    dry, wet, ends = _traced(faces, across, depths > 0.0)
+    points = _crossings(sea, time, vertices[dry], vertices[wet], depths[dry], depths[wet])
+    starts = [0, *ends.tolist()]
+    return [
+        np.concatenate([points[start:end], points[start : start + 1]])
+        for start, end in zip(starts, ends.tolist(), strict=False)
+    ]
+
+
+@njit(cache=True)
+def _traced(faces: Indices, across: Indices, wet: Flags) -> tuple[Indices, Indices, Indices]:
+    """The dry and the wet end (N,) of every edge that the curves cross, in their order, and where
+    each curve ends among these.
+
+    Around a triangle the water begins on one edge and ends on another; the neighbour across an
+    edge runs along it the other way, so where a curve leaves one triangle it enters the next.
+    """
+    dry_ends, wet_ends = np.empty(len(faces), np.int64), np.empty(len(faces), np.int64)
+    ends = np.empty(len(faces), np.int64)
+    seen = np.zeros(len(faces), np.bool_)
+    count = curves = 0
+    for first in range(len(faces)):
+        a, b, c = wet[faces[first, 0]], wet[faces[first, 1]], wet[faces[first, 2]]
+        if seen[first] or (a == b and b == c):
+            continue
+        face = following = first
+        while not seen[face]:
+            seen[face] = True
+            for edge in range(3):
+                here, there = faces[face, edge], faces[face, (edge + 1) % 3]
+                if wet[there] and not wet[here]:
+                    dry_ends[count], wet_ends[count] = here, there
+                elif wet[here] and not wet[there]:
+                    following = across[face, edge]
+            count += 1
+            face = following
+        ends[curves] = count
+        curves += 1
+    return dry_ends[:count], wet_ends[:count], ends[:curves]
 
 
 def _crossings(
@@ -83,20 +116,6 @@ def _crossings(
         low, high = np.where(now < 0.0, fraction, low), np.where(now > 0.0, fraction, high)
         side = now
     return points
-
-
-def _cycles(successor: list[int]) -> list[list[int]]:
-    """The cycles of a permutation."""
-    cycles, seen = [], bytearray(len(successor))
-    for start in range(len(successor)):
-        cycle, at = [], start
-        while not seen[at]:
-            seen[at] = 1
-            cycle.append(at)
-            at = successor[at]
-        if cycle:
-            cycles.append(cycle)
-    return cycles
 
 
 def refined(vertices: Array, faces: Indices, longest: float) -> tuple[Array, Indices]:

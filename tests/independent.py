@@ -1,5 +1,6 @@
 """Computations that share no code with the package, to hold it against; seeded poses and seas."""
 
+import runpy
 import signal
 from pathlib import Path
 
@@ -117,6 +118,15 @@ def mean_error(wrenches: list[np.ndarray], truths: list[np.ndarray], hull: Hull)
     """Mean of `relative_error` over several poses."""
     pairs = zip(wrenches, truths, strict=True)
     return float(np.mean([relative_error(wrench, truth, hull) for wrench, truth in pairs]))
+
+
+def status_of(script: str, *arguments: object) -> int:
+    """Exit status of a script's main in this process, which saves starting one."""
+    main = runpy.run_path(str(REPOSITORY / "scripts" / script))["main"]
+    try:
+        return main([str(a) for a in arguments])
+    except SystemExit as left:
+        return left.code
 
 
 def hear_ctrl_c() -> None:

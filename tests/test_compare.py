@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from independent import MODELS, REPOSITORY, hear_ctrl_c
+from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
 from sim import Scene, SideBySideRecorder, simulate
 
 COMPARE = [sys.executable, str(REPOSITORY / "scripts" / "compare.py")]
@@ -82,13 +82,14 @@ def test_means_leave_the_warm_up_out(run):
     )
 
 
-def test_starts_are_runs_at_other_times_of_the_sea(tmp_path):
-    result = compare(
-        MODELS / "cube.xml", "--methods", "linear", "linear", "--starts", 3, "--duration", 3,
-        "--warm-up", 1, "--rate", 20, "--timestep", 0.004, "--no-record", "--json", "out.json",
-        cwd=tmp_path,
+def test_starts_are_runs_at_other_times_of_the_sea(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status = status_of(
+        "compare.py", MODELS / "cube.xml", "--methods", "linear", "linear", "--starts", 3,
+        "--duration", 3, "--warm-up", 1, "--rate", 20, "--timestep", 0.004, "--no-record",
+        "--json", "out.json",
     )  # fmt: skip
-    assert result.returncode == 0, result.stderr
+    assert status == 0
     summary = json.loads((tmp_path / "out.json").read_text())
     height = summary["means"]["cube"]["linear"]["height_m"]
     assert (height["batches"], height["batch"]) == (3, 41)
@@ -133,18 +134,17 @@ def _record_and_fail(path, twins) -> None:
                 raise KeyboardInterrupt
 
 
-def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path):
+def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path, monkeypatch, capsys):
     """Negative damping feeds the cube's motion until the numbers overflow."""
     scene = (MODELS / "cube.xml").read_text()
     still, wild = '<freejoint name="cube"/>', '<joint type="free" damping="-5000"/>'
     assert still in scene
     (tmp_path / "wild.xml").write_text(scene.replace(still, wild))
-    result = compare(
-        "wild.xml", "--methods", "linear", "chord:4", "--record", "wild.rrd", "--json", "out.json",
-        cwd=tmp_path,
-    )  # fmt: skip
-    assert result.returncode == 3, result.stderr
-    assert "body 'cube' diverged at" in result.stderr
+    monkeypatch.chdir(tmp_path)
+    methods = ("--methods", "linear", "chord:4")
+    files = ("--record", "wild.rrd", "--json", "out.json")
+    assert status_of("compare.py", "wild.xml", *methods, *files) == 3
+    assert "body 'cube' diverged at" in capsys.readouterr().err
     assert json.loads((tmp_path / "out.json").read_text())["differences"] == {}
     assert len(RrdReader(tmp_path / "wild.rrd").recordings()) == 1
 
@@ -178,10 +178,13 @@ def test_ctrl_c_gives_status_130_and_a_readable_recording(tmp_path):
         ([MODELS / "cube.xml", "--methods", "linear", "--rate", "0"], "0 is not a finite number"),
     ],
 )
-def test_unusable_input_gives_one_line_and_status_2(arguments, message, tmp_path):
-    result = compare(*arguments, cwd=tmp_path)
-    assert result.returncode == 2
-    assert result.stdout == ""
-    assert message in result.stderr
-    assert result.stderr.count("\n") == 1
+def test_unusable_input_gives_one_line_and_status_2(
+    arguments, message, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert status_of("compare.py", *arguments) == 2
+    stdout, stderr = capsys.readouterr()
+    assert stdout == ""
+    assert message in stderr
+    assert stderr.count("\n") == 1
     assert sorted(tmp_path.rglob("*")) == []

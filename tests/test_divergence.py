@@ -83,7 +83,10 @@ NO_DIVERGENCE = {
     "a stone that sinks": lambda: ball(8000.0, 0.005),
     "a fall from 200 m": lambda: ball(500.0, 0.002, z=200.0),
     "waves about to break": lambda: ball(
-        500.0, 0.002, custom='<numeric name="wave_a" data="0.6 4 0 0"/>'
+        500.0,
+        0.002,
+        custom='<numeric name="wave_a" data="0.6 4 0 0"/>'
+        '<text name="buoyancy_method" data="linear"/>',  # whatever the method
     ),
     "a long ocean swell": lambda: ball(
         500.0, 0.002, custom='<numeric name="wave_a" data="5 400 0 0"/>'

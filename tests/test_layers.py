@@ -31,7 +31,7 @@ OUTSIDE = {
     "mujoco": {"mjcf", "coupling", "scene", "divergence", "simulation"},
     "trimesh": {"mjcf"},
     "rerun": {"recording"},
-    "numba": {"gerstner", "triangle", "methods", "drag"},
+    "numba": {"gerstner", "triangle", "methods", "drag", "waterline"},
 }
 """Which layers may import a package from outside."""
 

@@ -1,18 +1,12 @@
 """scripts/read_recording.py: series read back are the samples'."""
 
-import importlib.util
-
 import numpy as np
 import pytest
+import read_recording
+from rerun.chunk import RrdReader
 
-from independent import MODELS, REPOSITORY
+from independent import MODELS
 from sim import Recorder, Scene, simulate
-
-_spec = importlib.util.spec_from_file_location(
-    "read_recording", REPOSITORY / "scripts" / "read_recording.py"
-)
-read_recording = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(read_recording)
 
 
 def test_series_are_the_samples_and_go_into_arrays(tmp_path, capsys):
@@ -38,6 +32,46 @@ def test_series_are_the_samples_and_go_into_arrays(tmp_path, capsys):
     arrays = np.load(tmp_path / "cube.npz")
     assert set(arrays.files) == names
     np.testing.assert_array_equal(arrays["tilt/cube"], np.stack(series["tilt/cube"]))
+
+
+def test_series_of_bodies_beyond_the_plots_are_read_too(tmp_path, monkeypatch):
+    monkeypatch.setattr("sim.recording.MOST_PLOTTED", 1)
+    scene, samples = Scene.load(MODELS / "trio.xml"), []
+    with Recorder(tmp_path / "trio.rrd", scene) as recorder:
+        for sample in simulate(scene, 0.3):
+            recorder.log(sample)
+            samples.append(sample)
+    series = read_recording.read_series(tmp_path / "trio.rrd")
+    assert len(series) == 3 * 5
+    for i, body in enumerate(scene.buoyancy.body_names):
+        elevations = [s.elevations[i] for s in samples]
+        np.testing.assert_array_equal(series[f"height/{body}/water"][1], elevations)
+        fractions = [s.submerged_fractions[i] for s in samples]
+        np.testing.assert_array_equal(series[f"submerged/{body}"][1], fractions)
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_recording_that_was_cut_off_anywhere_is_read_up_to_there(tmp_path):
+    path = tmp_path / "cube.rrd"
+    scene = Scene.load(MODELS / "cube.xml")
+    with Recorder(path, scene) as recorder:
+        for sample in simulate(scene, 2.5):
+            recorder.log(sample)
+    times, heights = read_recording.read_series(path)["height/cube"]
+    content, found = path.read_bytes(), []
+    for share in np.linspace(0.6, 1.0, 10):
+        path.write_bytes(content[: round(share * len(content))])
+        read_times, read_heights = read_recording.read_series(path)["height/cube"]
+        np.testing.assert_array_equal(read_times, times[: len(read_times)])
+        np.testing.assert_array_equal(read_heights, heights[: len(read_times)])
+        found.append(len(read_times))
+    assert found == sorted(found)
+    assert found[0] < found[-1] == len(times)
+    path.write_bytes(content[: len(content) * 4 // 5])
+    with pytest.raises(RuntimeError, match="exceeds file size"):
+        RrdReader(path).recordings()
+    assert read_recording.main([str(path), "--mend"]) == 0
+    assert len(RrdReader(path).recordings()) == 1
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,10 @@
 """Recordings, read back and held against the samples."""
 
 import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from time import monotonic, sleep
 
 import numpy as np
 import pytest
@@ -9,8 +13,8 @@ from rerun.chunk import RrdReader
 
 from independent import MODELS, ROUND_OFF
 from sim import Recorder, Scene, Sea, Tally, Wave, simulate
-from sim.recording import sea_in_words
-from sim.skin import rotation_matrix, shaded_corners
+from sim.recording import GOLDEN_TURN, sea_in_words, thinned
+from sim.skin import rotation_matrix, shaded_corners, with_hue_turned
 from sim.waterline import WATERLINE_ERROR
 
 FLOAT32 = 1e-6
@@ -247,8 +251,24 @@ def test_many_bodies_cost_no_shading_and_only_the_first_are_plotted(tmp_path, mo
     assert trails == []
     _, (text, _) = read(path, "overview", "TextDocument:text")
     assert "and 2 more" in str(text)
-    times, _ = read(path, "plots/height/cube7", "Scalars:scalars")
-    assert len(times[np.isfinite(times)]) == 4
+    (_, names), (_, rows) = (
+        read(path, "others/height/water", component)
+        for component in ("SeriesLines:names", "Scalars:scalars")
+    )
+    assert names[0].tolist() == ["cube6", "cube7"]
+    assert np.shape(rows) == (4, 2)
+
+
+def test_many_waterlines_are_thinned_and_stay_closed(monkeypatch):
+    monkeypatch.setattr("sim.recording.MOST_WATERLINE_POINTS", 40)
+    turn = np.linspace(0.0, 1.0, 101)
+    long = np.column_stack([turn, turn * (1.0 - turn), 0.0 * turn])
+    long[-1] = long[0]
+    short = np.concatenate([long[:14], long[:1]])
+    assert thinned([short])[0] is short
+    first, second = thinned([long, short])
+    np.testing.assert_array_equal(first, np.concatenate([long[:100:3], long[:1]]))
+    np.testing.assert_array_equal(second, short)
 
 
 def test_viewing_without_a_screen_says_so_and_leaves_nothing(tmp_path, monkeypatch):
@@ -263,6 +283,56 @@ def test_viewing_without_a_screen_says_so_and_leaves_nothing(tmp_path, monkeypat
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_viewer_that_is_open_is_sent_the_run(tmp_path, monkeypatch):
+    """Rerun itself listens as a viewer does, and writes what it gets to a file instead."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    path = tmp_path / "arrived.rrd"
+    listener = subprocess.Popen(
+        [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
+        + ["--save", str(path)],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        wait_until(lambda: listens(port))
+        monkeypatch.setattr("sim.recording.VIEWER_PORT", port)
+        scene, samples = Scene.load(MODELS / "cube.xml"), []
+        with Recorder(None, scene, view=True, water_resolution=9) as recorder:
+            for sample in simulate(scene, 0.5):
+                recorder.log(sample)
+                samples.append(sample)
+        wait_until(lambda: path.is_file() and "mean of" in last_overview(path))
+    finally:
+        listener.kill()
+        listener.wait()
+    _, heights = read(path, "plots/height/cube", "Scalars:scalars")
+    np.testing.assert_array_equal(np.ravel(heights), [s.centres[0, 2] for s in samples])
+    assert len(read(path, "world/water", "Mesh3D:vertex_positions")[0]) == len(samples)
+
+
+def listens(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def last_overview(path) -> str:
+    """Empty while there is none."""
+    try:
+        _, texts = read(path, "overview", "TextDocument:text")
+    except RuntimeError:  # the file has only begun
+        return ""
+    return str(texts[-1]) if texts else ""
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    deadline = monotonic() + 60.0
+    while not holds():
+        assert monotonic() < deadline
+        sleep(0.05)
+
+
 def test_sharp_edges_are_drawn_sharp_and_smooth_ones_smooth():
     box = trimesh.creation.box()
     vertex, faces, normals = shaded_corners(np.array(box.vertices), np.array(box.faces))
@@ -273,6 +343,16 @@ def test_sharp_edges_are_drawn_sharp_and_smooth_ones_smooth():
     np.testing.assert_array_equal(vertex[faces], ball.faces)
     facets = 0.02  # of about 8 degrees
     np.testing.assert_allclose(normals, ball.vertices[vertex], atol=facets)
+
+
+def test_twins_of_grey_bodies_have_colours_of_their_own():
+    grey = np.array([0.5, 0.5, 0.5, 1.0])
+    assert with_hue_turned(grey, 0.0) is grey
+    red, blue = (np.array([*rgb, 0.3]) for rgb in ((1.0, 0.2, 0.2), (0.2, 0.2, 1.0)))
+    np.testing.assert_allclose(with_hue_turned(red, 2.0 / 3.0), blue, atol=ROUND_OFF)
+    twins = np.array([with_hue_turned(grey, i * GOLDEN_TURN)[:3] for i in range(5)])
+    apart = np.linalg.norm(twins[:, None] - twins, axis=2)[~np.eye(5, dtype=bool)]
+    assert apart.min() > 0.3
 
 
 def test_arrows_are_forces_at_the_centres_of_mass(run):
@@ -300,6 +380,22 @@ def test_recording_is_readable_when_the_run_fails_half_way(tmp_path):
     times, heights = read(path, "plots/height/cube", "Scalars:scalars")
     assert times[-1] == pytest.approx(0.5, abs=ROUND_OFF * 1e3)
     assert len(heights) == 16
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # nor does a killed run's
+@pytest.mark.parametrize(("frame_seconds", "most_lost"), [(0.001, 30), (0.1, 7), (5.0, 0)])
+def test_a_killed_run_loses_less_than_a_second(tmp_path, monkeypatch, frame_seconds, most_lost):
+    """What is on the disk after every frame is what SIGKILL would leave there. No more is missing
+    than is younger than a second, simulated and by a clock that we turn by hand."""
+    clock = [100.0]
+    monkeypatch.setattr("sim.recording.monotonic", lambda: clock[0])
+    scene, path, lost = Scene.load(MODELS / "cube.xml"), tmp_path / "cut.rrd", []
+    with Recorder(path, scene, water_resolution=2) as recorder:
+        for frame, sample in enumerate(simulate(scene, 1.4), start=1):
+            clock[0] += frame_seconds
+            recorder.log(sample)
+            lost.append(frame - len(read(path, "world/water", "Mesh3D:vertex_positions")[0]))
+    assert max(lost) == most_lost
 
 
 def _record_and_fail(path, scene) -> None:

@@ -103,13 +103,11 @@ def test_error_falls_with_the_third_power_of_the_work(monkeypatch):
 @pytest.mark.parametrize("name", ["cube", "bunny"])
 def test_the_same_surface_meshed_differently_gives_the_same_wrench(name):
     mesh = BARGE if name == "cube" else load_mesh("bunny")
-    once, sea = mesh.subdivide(), three_waves()
+    once, sea, hull = mesh.subdivide(), three_waves(), Hull.from_trimesh(mesh)
+    finer = (Hull.from_trimesh(m) for m in (once, once.subdivide()))
+    references = [Reference(h, sea) for h in (hull, *finer)]
     for pose in random_poses(3, seed=23):
-        wrenches = [
-            Reference(Hull.from_trimesh(m), sea).wrench(*pose)
-            for m in (mesh, once, once.subdivide())
-        ]
-        hull = Hull.from_trimesh(mesh)
+        wrenches = [reference.wrench(*pose) for reference in references]
         assert relative_error(wrenches[1], wrenches[0], hull) < 1e-8
         assert relative_error(wrenches[2], wrenches[0], hull) < 1e-8
 

@@ -6,14 +6,15 @@ import trimesh
 
 from independent import load_mesh, meshes, random_rotation, three_waves, volume_below
 from sim import Sea
-from sim.waterline import WATERLINE_ERROR, heads, refined, waterlines
+from sim.waterline import WATERLINE_ERROR, faces_across, heads, refined, waterlines
 
 ROUND_OFF = 1e-12
 
 
 def curves(sea: Sea, mesh: trimesh.Trimesh, time: float = 0.0) -> list[np.ndarray]:
     vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
-    return waterlines(sea, time, vertices, faces, heads(sea, vertices, time))
+    depths = heads(sea, vertices, time)
+    return waterlines(sea, time, vertices, faces, faces_across(faces), depths)
 
 
 def placed(mesh: trimesh.Trimesh, seed: int) -> trimesh.Trimesh:

@@ -51,8 +51,9 @@ class Linear:
         hull -> world; time [s].
         """
         out = np.empty(6)
-        rotation = np.asarray(rotation, dtype=float).reshape(3, 3)
-        self._sum(np.asarray(position, dtype=float), rotation, float(time), out)
+        position = np.ascontiguousarray(position, dtype=float)
+        rotation = np.ascontiguousarray(rotation, dtype=float).reshape(3, 3)
+        self._sum(position, rotation, float(time), out)  # one layout, one set of kernels
         out *= -self.sea.density * self.sea.gravity
         return out
 
