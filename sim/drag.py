@@ -163,6 +163,7 @@ class Drag:
         and angular, world axes, like all that comes out; time [s]. Without the angular rate.
         """
         sea, count = self.sea, self.elements.shape[1]
+        rotation = np.ascontiguousarray(rotation)  # or kernels would be compiled for others too
         centroid, time = position + rotation @ self.hull.centroid, float(time)
         water_motion(centroid, sea.components, sea.residual_tolerance, sea.level, time, motion)
         turn = np.kron(np.eye(2), rotation)
@@ -347,7 +348,7 @@ def water_motion(point, components, tolerance, level, time, motion):
     scratch[LABEL_X, 0], scratch[LABEL_Y, 0] = point[0], point[1]
     solve_chunk(point[:1], point[1:2], components, time, tolerance, 1, height, scratch)
     scratch[DEPTH, 0] = depth = max(height[0] + level - point[2], 0.0)
-    water_velocities(1, components, time, scratch)
+    water_velocities(height.size, components, time, scratch)
     motion[:3] = scratch[SPEED_X : SPEED_Z + 1, 0]
     motion[3:] = 0.0
     for w in range(components.shape[0]):

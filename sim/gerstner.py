@@ -225,13 +225,13 @@ def is_solved(x, y, residual_squared, tolerance):
 
 @kernel
 def solve_point(x, y, components, time, tolerance, scratch):
-    """Safeguarded Newton for one point, starting from the label in column 0 of the scratch: a
+    """Safeguarded Newton for one point, starting from the label in the scratch's only column: a
     step is kept only if the residual falls, and halved until it does. Leaves the label there
     and returns the height; both are NaN when SAFEGUARDED_STEPS were not enough."""
     best = np.inf
     label_x, label_y, step_x, step_y = 0.0, 0.0, 0.0, 0.0
     for _ in range(SAFEGUARDED_STEPS):
-        wave_sums(1, components, time, scratch)
+        wave_sums(scratch.shape[1], components, time, scratch)
         rx = x - scratch[LABEL_X, 0] - scratch[OFFSET_X, 0]
         ry = y - scratch[LABEL_Y, 0] - scratch[OFFSET_Y, 0]
         residual = rx * rx + ry * ry

@@ -62,8 +62,8 @@ def head_errors(method: Patches, position, rotation, time: float) -> np.ndarray:
     x, y, z = centres.T.copy()
     solve_jets(x, y, sea.components, time, residual, steps, jets)
     q = np.empty((len(centres), POLYNOMIAL_COLUMNS))
-    poses = np.zeros(len(centres), dtype=np.int64)
-    head_polynomials(jets, z - sea.level, poses, rotation.reshape(1, 9).copy(), q)
+    chosen = np.zeros((len(centres), 3), dtype=np.int64)
+    head_polynomials(jets, z - sea.level, chosen, rotation.reshape(1, 9).copy(), q)
     errors = []
     for patch, (first, end) in enumerate(tree.patch_nodes):
         numbers = tree.nodes[first:end, LEAF].astype(int)

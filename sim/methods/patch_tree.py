@@ -314,11 +314,13 @@ def packed(
 
 
 def _in_lines(array: NDArray) -> NDArray:
-    """A copy that begins where a line of the cache does, and with it each node and leaf."""
+    """A copy that begins where a line of the cache does, and with it each node and leaf; read-only,
+    as a Sea's components are, or kernels would be compiled for both."""
     room = np.empty(array.nbytes + CACHE_LINE, dtype=np.uint8)
     first = -room.ctypes.data % CACHE_LINE
     copy = room[first : first + array.nbytes].view(array.dtype)
     copy[:] = array
+    copy.setflags(write=False)
     return copy
 
 

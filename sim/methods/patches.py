@@ -136,7 +136,7 @@ class Patches:
         hull -> world; time [s].
         """
         position = np.ascontiguousarray(position, dtype=float)
-        rotation = np.ascontiguousarray(rotation, dtype=float)
+        rotation = np.ascontiguousarray(rotation, dtype=float).reshape(9)
         return hull_wrench(*self._fleet.packed, position, rotation, self.sea.level, float(time))
 
 
@@ -254,12 +254,12 @@ def squared(x, y, z):
 
 
 @kernel
-def head_polynomials(jets, z, poses, rotations, polynomials):
-    """Coefficients and bounds (N, POLYNOMIAL_COLUMNS) in the body frame of the heads around places
-    at heights z [m] above the level, from their jets; poses: rows of the rotations (., 9), body ->
-    world."""
+def head_polynomials(jets, z, chosen, rotations, polynomials):
+    """Coefficients and bounds (N, POLYNOMIAL_COLUMNS) in the body frame of the heads around the
+    chosen patches' centres, at heights z [m] above the level, from their jets; rotations (., 9):
+    body -> world, for each pose."""
     for i in range(z.size):
-        r, q = rotations[poses[i]], polynomials[i]
+        r, q = rotations[chosen[i, 2]], polynomials[i]
         gx, gy = jets[JET_X, i], jets[JET_Y, i]
         # the horizontal coordinates are the linear forms a . d and b . d
         ax, ay, az, bx, by, bz = r[0], r[1], r[2], r[3], r[4], r[5]
@@ -508,7 +508,7 @@ def fleet_wrenches(reals, singles, integers, positions, rotations, level, time, 
     chosen = chosen[:active]
     jets, polynomials = np.empty((JET_ROWS, active)), np.empty((active, POLYNOMIAL_COLUMNS))
     solve_jets(places[0, :active], places[1, :active], components, time, residual, steps, jets)
-    head_polynomials(jets, places[2, :active], chosen[:, 2], rotations, polynomials)
+    head_polynomials(jets, places[2, :active], chosen, rotations, polynomials)
     wet, opened = np.empty((most_nodes, 2), np.int64), np.empty((most_nodes, 2), np.int64)
     wet_count, count = walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened)
     body = np.zeros((instances.shape[0], 6))
