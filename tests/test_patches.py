@@ -103,8 +103,9 @@ def test_the_tolerance_is_a_promise(name, sea):
 
 @pytest.mark.parametrize("steepness", [0.2, 0.8])
 def test_the_promise_holds_for_waves_a_tenth_of_the_hull(steepness):
-    hull = Hull.from_trimesh(trimesh.creation.icosphere(subdivisions=2, radius=0.5))
-    method = Patches(hull, crossing_waves(0.1, steepness), tolerance=0.04)
+    spindle = trimesh.creation.icosphere(subdivisions=2, radius=0.5)
+    spindle.vertices *= [1.0, 0.15, 0.15]
+    method = Patches(Hull.from_trimesh(spindle), crossing_waves(0.1, steepness), tolerance=0.04)
     for pose in far_poses(3):
         assert head_errors(method, *pose).max() < 0.04
 

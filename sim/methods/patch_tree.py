@@ -238,10 +238,10 @@ class _Builder:
         middle = 0.5 * (low + high)
         self.nodes.append([*middle, *(0.5 * (high - low)), 0.0, -1.0])
         self.node_moments.append(np.zeros(0))
-        vertices, which = np.unique(self.numbers[chosen], return_inverse=True)
-        if len(chosen) <= LEAF_TRIANGLES and len(vertices) <= LEAF_VERTICES:
+        vertices = np.unique(self.numbers[chosen]) if len(chosen) <= LEAF_TRIANGLES else ()
+        if 0 < len(vertices) <= LEAF_VERTICES:
             self.nodes[node][LEAF] = len(self.leaves)
-            moments = self._add_leaf(chosen, vertices, which.reshape(-1, 3), middle, centre)
+            moments = self._add_leaf(chosen, vertices, middle, centre)
         else:
             order = np.argsort(self._along(chosen), kind="stable")
             leaves = max(2, -(-len(chosen) // LEAF_TRIANGLES))
@@ -253,11 +253,11 @@ class _Builder:
         return moments
 
     def _add_leaf(
-        self, chosen: Integers, vertices: Integers, which: Integers, middle: Array, centre: Array
+        self, chosen: Integers, vertices: Integers, middle: Array, centre: Array
     ) -> Array:
-        """Add a leaf of triangles whose corners are the vertices `which` (N, 3); returns its
-        moments: exact up to second order, of the third what `local_quadratic` has."""
-        count = len(vertices)
+        """Add a leaf of triangles with these vertices, ascending; returns its moments: exact up to
+        second order, of the third what `local_quadratic` has."""
+        count, which = len(vertices), np.searchsorted(vertices, self.numbers[chosen])
         weights = np.zeros((LEAF_VERTICES, 6))
         np.add.at(weights, which.ravel(), self.shares[chosen].reshape(-1, 6))
         places = np.empty((LEAF_VERTICES, 3))
