@@ -14,10 +14,9 @@ Call = Callable[[Any], None]
 class Crew:
     """Helpers who share the parts of one call with the thread that calls.
 
-    Everyone takes the next part when he is free. So the caller waits for nobody to wake up: where
-    the helpers come late, because other programs have the cores, he does the parts by himself.
-    The helpers end with the object, and at the interpreter's exit; in a forked process there are
-    none, and the caller does all parts.
+    Whoever is free takes the next part. So nobody waits for a helper to wake up: where they come
+    late, because other programs have the cores, the caller does all parts alone. The helpers
+    end with the object, and at the interpreter's exit; in a forked process there are none.
     """
 
     def __init__(self, helpers: int) -> None:
