@@ -51,7 +51,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--timestep", type=positive, metavar="S", help="overrules the scene's timestep"
     )
-    parser.add_argument("--threads", type=at_least(1), metavar="N", help="that share the hulls")
+    parser.add_argument("--threads", type=at_least(1), metavar="N", help="share the hulls (1)")
     record = parser.add_mutually_exclusive_group()
     record.add_argument(
         "--record", type=Path, metavar="FILE.rrd", help="default recordings/<scene>.rrd"
