@@ -20,6 +20,7 @@ from command_line import (
     UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
+    at_least,
     clear_progress,
     compiling_notice,
     positive,
@@ -49,6 +50,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--timestep", type=positive, metavar="S", help="overrules the scene's timestep"
     )
+    parser.add_argument("--threads", type=at_least(1), metavar="N", help="share the hulls (1)")
     record = parser.add_mutually_exclusive_group()
     record.add_argument(
         "--record", type=Path, metavar="FILE.rrd", help="default recordings/<scene>.rrd"
@@ -78,7 +80,9 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 def load(options: argparse.Namespace) -> Scene:
     """Load the scene and compute everything once, which compiles the kernels."""
     with compiling_notice(options.quiet):
-        scene = Scene.load(options.scene, options.method, options.tolerance, options.timestep)
+        scene = Scene.load(
+            options.scene, options.method, options.tolerance, options.timestep, options.threads
+        )
         scene.compile_kernels()
         observe(scene)
     return scene

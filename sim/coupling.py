@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sim.implicit import ResistedBody, ResistedFleet
 from sim.methods import Method, Patches, PatchFleet
-from sim.mjcf import FloatingGeom, is_free, read_model
+from sim.mjcf import FloatingGeom, is_free, read_model, read_threads
 from sim.sea import Sea
 
 Array = NDArray[np.float64]
@@ -41,12 +41,21 @@ class Buoyancy:
     body yourself use `qfrc_applied`. All other rows are left alone. Geoms' frames are read
     once, when the object is made.
 
+    threads: how many, with the caller's own, share the hulls whose method is patches. The result is
+    the same to the bit; it pays for many hulls, not for a few. The helpers end with the object.
+
     sea: what they float in; floats: the hulls; bodies: (B,) ids of their bodies, each once;
     float_bodies: (H,) for each hull its place in `bodies`; calls, seconds: how often
     wrenches were written and the wall time that took.
     """
 
-    def __init__(self, model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom]) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        sea: Sea,
+        floats: Sequence[FloatingGeom],
+        threads: int = 1,
+    ) -> None:
         self.model = model
         self._option = model.opt
         self.sea = sea
@@ -57,7 +66,7 @@ class Buoyancy:
         self._rows = np.array([f.body for f in self.floats])
         self.calls = 0
         self.seconds = 0.0
-        self._fleet, self._others = _sorted_by_call(self.floats)
+        self._fleet, self._others = _sorted_by_call(self.floats, _whole(threads))
         self._data: mujoco.MjData | None = None
         self._views: tuple[Array, Array, Array] = ()
         self._state: tuple[Array, ...] = ()
@@ -70,12 +79,17 @@ class Buoyancy:
 
     @classmethod
     def from_model(
-        cls, model: mujoco.MjModel, method: str | None = None, tolerance: float | None = None
+        cls,
+        model: mujoco.MjModel,
+        method: str | None = None,
+        tolerance: float | None = None,
+        threads: int | None = None,
     ) -> "Buoyancy":
-        """Read the model's custom fields (see `sim.mjcf`); `method` overrules them for all geoms
-        and `tolerance` [m of water height] for the methods that take one. Raises ValueError
-        that names the element at fault."""
-        return cls(model, *read_model(model, method, tolerance))
+        """Read the model's custom fields (see `sim.mjcf`); `method` overrules them for all geoms,
+        `tolerance` [m of water height] for the methods that take one, and `threads`. Raises
+        ValueError that names the element at fault."""
+        sea, floats = read_model(model, method, tolerance)
+        return cls(model, sea, floats, read_threads(model) if threads is None else threads)
 
     @property
     def body_names(self) -> tuple[str, ...]:
@@ -197,8 +211,18 @@ class Buoyancy:
         self.seconds += perf_counter() - started
 
 
+def _whole(threads: float) -> int:
+    """A number of threads that makes sense, or ValueError."""
+    if not (np.isfinite(threads) and threads == int(threads) and threads >= 1):
+        raise ValueError(
+            f"the number of threads is {threads:g}; expected a whole number, 1 for the caller's "
+            "alone: give another one, or correct the custom numeric 'buoyancy_threads'"
+        )
+    return int(threads)
+
+
 def _sorted_by_call(
-    floats: Sequence[FloatingGeom],
+    floats: Sequence[FloatingGeom], threads: int
 ) -> tuple[PatchFleet | None, list[tuple[int, int, Method]]]:
     """The floats that one call computes together; the place, body and method of the others."""
     together = [(i, f) for i, f in enumerate(floats) if isinstance(f.method, Patches)]
@@ -208,7 +232,7 @@ def _sorted_by_call(
     if not together:
         return None, others
     methods, poses = [f.method for _, f in together], [f.body for _, f in together]
-    return PatchFleet(methods, poses, [i for i, _ in together]), others
+    return PatchFleet(methods, poses, [i for i, _ in together], threads), others
 
 
 def _resisted_body(

@@ -12,10 +12,14 @@ the depth of the hull's centroid once it is submerged, and that of a column of t
 while it is not: an error of a fraction of density g V times the height.
 """
 
+from collections.abc import Iterable, Sequence
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.hull import Hull
+from sim.mjcf import FloatingGeom
 from sim.scene import Scene
 
 Array = NDArray[np.float64]
@@ -112,17 +116,22 @@ def body_energies(scene: Scene) -> Array:
     own = np.einsum("bij,bi->bj", axes, angular)
     energies = 0.5 * (model.body_mass * (linear**2).sum(1) + (model.body_inertia * own**2).sum(1))
     energies += model.body_mass * sea.gravity * data.xipos[:, 2]
-    for f in scene.buoyancy.floats:
-        hull = f.method.hull
-        depth = sea.level - data.xipos[f.body, 2]
-        up = axes[f.body, 2]
-        rises = hull.vertices @ up
-        low, high = depth - float(rises.min()), depth - float(rises.max())
-        share = min(max(low / (low - high), 0.0), 1.0)
-        centroid = depth - float(up @ hull.centroid)
-        pushed = centroid if high > 0.0 else share**2 * (centroid - high)
-        energies[f.body] += sea.density * sea.gravity * hull.volume * pushed
+    for hull, bodies in _bodies_of_hulls(scene.buoyancy.floats):
+        depths, ups = sea.level - data.xipos[bodies, 2], axes[bodies, 2]
+        rises = ups @ hull.vertices.T
+        lows, highs = depths - rises.min(axis=1), depths - rises.max(axis=1)
+        shares = np.clip(lows / (lows - highs), 0.0, 1.0)
+        pushed = shares**2 * (depths - ups @ hull.centroid - np.minimum(highs, 0.0))
+        np.add.at(energies, bodies, sea.density * sea.gravity * hull.volume * pushed)
     return energies
+
+
+def _bodies_of_hulls(floats: Sequence[FloatingGeom]) -> Iterable[tuple[Hull, list[int]]]:
+    """Each hull, equal ones being one object, and the ids of the bodies that have it."""
+    found: dict[int, tuple[Hull, list[int]]] = {}
+    for f in floats:
+        found.setdefault(id(f.method.hull), (f.method.hull, []))[1].append(f.body)
+    return found.values()
 
 
 def _allowances(scene: Scene) -> Array:

@@ -11,6 +11,7 @@ A scene is one MJCF file; what concerns the water stands in its `<custom>` eleme
     text    buoyancy_method           how wrenches are computed        (see sim.methods)
     text    buoyancy_method_<geom>    the same for one geom
     numeric buoyancy_tolerance        m of water height, for methods that take one
+    numeric buoyancy_threads          threads that share the hulls   (1; see sim.coupling)
     numeric chord_samples             points of a chord, for the method chord
     numeric drag                      linear, form, friction                   (see sim.drag)
     numeric drag_<geom>               the same for one geom
@@ -99,6 +100,11 @@ def read_model(
     return sea, tuple(floats)
 
 
+def read_threads(model: mujoco.MjModel) -> float:
+    """The number of threads that a model asks for, as it stands there; 1 if it does not."""
+    return float(_own_numerics(model).get("buoyancy_threads", [1.0])[0])
+
+
 def _check_physics(model: mujoco.MjModel) -> None:
     """Refuse options under which the water's push would be wrong or would never happen."""
     option = model.opt
@@ -157,6 +163,7 @@ NUMERICS = {
         "significant height m, peak period s, gamma, heading deg, spread deg, waves, seed",
     ),
     "buoyancy_tolerance": NumericKind((1,), "m of water height"),
+    "buoyancy_threads": NumericKind((1,), "threads that share the hulls"),
     "chord_samples": NumericKind((1,), "points of a chord"),
     "drag_angular": NumericKind((1,), "1/s", per_geom=True),
     "drag": NumericKind((3,), "linear, form, friction", per_geom=True),

@@ -25,10 +25,11 @@ class Scene:
         method: str | None = None,
         tolerance: float | None = None,
         timestep: float | None = None,
+        threads: int | None = None,
     ) -> "Scene":
         """Compile an MJCF file and put it into its first keyframe, if it has one.
 
-        method, tolerance and timestep [s] overrule what the file says. Raises
+        method, tolerance, timestep [s] and threads overrule what the file says. Raises
         FileNotFoundError, or ValueError that names what is wrong with the file.
         """
         path = Path(path)
@@ -40,7 +41,7 @@ class Scene:
             reason = " ".join(str(error).split())  # MuJoCo's message has several lines
             raise ValueError(f"{path}: MuJoCo cannot compile it: {reason}") from None
         try:
-            return cls.from_model(model, path.stem, method, tolerance, timestep)
+            return cls.from_model(model, path.stem, method, tolerance, timestep, threads)
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
 
@@ -52,13 +53,14 @@ class Scene:
         method: str | None = None,
         tolerance: float | None = None,
         timestep: float | None = None,
+        threads: int | None = None,
     ) -> "Scene":
         """The same for a model that is compiled already; `timestep` is written into it."""
         if timestep is not None:
             if not (np.isfinite(timestep) and timestep > 0):
                 raise ValueError(f"the timestep is {timestep} s; it must be finite and above 0")
             model.opt.timestep = timestep
-        buoyancy = Buoyancy.from_model(model, method, tolerance)
+        buoyancy = Buoyancy.from_model(model, method, tolerance, threads)
         data = mujoco.MjData(model)
         if model.nkey:
             mujoco.mj_resetDataKeyframe(model, data, 0)

@@ -1,6 +1,7 @@
 """Buoyancy in MuJoCo: the callback, its manners, frames and integrators."""
 
 import gc
+import threading
 import weakref
 
 import mujoco
@@ -265,3 +266,52 @@ def test_hulls_computed_together_get_what_each_gets_alone():
         alone = f.method.wrench(data.xipos[f.body], data.ximat[f.body], 0.0)
         assert np.abs(alone).max() > 0.0
         np.testing.assert_array_equal(data.xfrc_applied[f.body], alone)
+
+
+def raft(custom: str = "") -> mujoco.MjModel:
+    """Seven hulls of three shapes, one of them with a method of its own, in waves."""
+    ball = (
+        '<body pos="{0} 2 0.1"><freejoint/><geom name="ball{0}" size="0.4" density="400"/></body>'
+    )
+    boat = '<body pos="1 1 0"><freejoint/><geom name="boat" type="capsule" size="0.2 0.5"/></body>'
+    custom += WAVES + '<text name="buoyancy_method_cube" data="chord"/>'
+    bodies = CUBE + boat + "".join(ball.format(x) for x in range(2, 7))
+    return model(bodies, ("boat", "ball2", "cube", *(f"ball{x}" for x in range(3, 7))), custom)
+
+
+def helpers() -> int:
+    return sum(thread.name == "waterline" for thread in threading.enumerate())
+
+
+def test_threads_change_no_bit():
+    runs = {}
+    for threads in (1, 2, 5):
+        compiled = raft()
+        data, buoyancy = started(compiled), Buoyancy.from_model(compiled, threads=threads)
+        with buoyancy.installed():
+            mujoco.mj_step(compiled, data, nstep=200)
+        assert helpers() == threads - 1
+        runs[threads] = np.concatenate([data.qpos, data.qvel])
+    np.testing.assert_array_equal(runs[2], runs[1])
+    np.testing.assert_array_equal(runs[5], runs[1])
+
+
+def test_threads_are_no_more_than_parts_and_end_with_the_buoyancy():
+    asked = '<numeric name="buoyancy_threads" data="100"/>'
+    buoyancy = Buoyancy.from_model(raft(asked))
+    assert helpers() == 5  # six hulls are computed together
+    buoyancy = Buoyancy.from_model(raft(asked), threads=2)
+    gc.collect()
+    assert helpers() == 1
+    with buoyancy.installed():
+        mujoco.mj_forward(buoyancy.model, mujoco.MjData(buoyancy.model))
+    del buoyancy
+    gc.collect()
+    assert helpers() == 0
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, np.nan, np.inf])
+def test_refuses_threads_that_cannot_be(threads):
+    compiled = model()
+    with pytest.raises(ValueError, match=f"threads is {threads:g}; expected a whole number, 1"):
+        Buoyancy.from_model(compiled, threads=threads)

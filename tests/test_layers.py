@@ -18,7 +18,7 @@ LAYERS = {
     "mjcf": {"methods", "drag", "sea", "hull"},
     "coupling": {"mjcf", "methods", "implicit", "sea"},
     "scene": {"coupling"},
-    "divergence": {"scene"},
+    "divergence": {"scene", "mjcf", "hull"},
     "simulation": {"scene", "divergence"},
     "waterline": {"sea"},
     "skin": {"simulation", "coupling", "hull", "waterline"},

@@ -211,6 +211,10 @@ REFUSALS = {
         dict(custom='<numeric name="buoyancy_tolerance" data="-1"/>'),
         "tolerance is -1 m.*above 0",
     ),
+    "half a thread": (
+        dict(custom='<numeric name="buoyancy_threads" data="1.5"/>'),
+        "threads is 1.5; expected a whole number.*'buoyancy_threads'",
+    ),
     "two drags": (
         dict(custom='<numeric name="drag" data="0.2 1"/>'),
         "'drag' has 2 numbers; expected 3: linear, form, friction",

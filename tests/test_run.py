@@ -79,6 +79,7 @@ BROKEN = {
     "no number": ([MODELS / "cube.xml", "--rate", "fast"], "--rate: invalid positive value"),
     "infinite": ([MODELS / "cube.xml", "--timestep", "inf"], "--timestep: inf is not"),
     "no tolerance": ([MODELS / "cube.xml", "--tolerance", "-1"], "--tolerance: -1 is not"),
+    "no threads": ([MODELS / "cube.xml", "--threads", "0"], "--threads: 0 is below 1"),
     "rate of frames": (
         [MODELS / "cube.xml", "--record-rate", "60"],
         "--record-rate 60 is above the 30 samples a second that there are; raise --rate",

@@ -51,6 +51,7 @@ from sim.gerstner import (
     summing_kernel,
 )
 from sim.hull import Hull
+from sim.methods.crew import Crew
 from sim.methods.linear import placed
 from sim.methods.patch_tree import (
     AFTER,
@@ -91,6 +92,10 @@ ends early, and patches are by that much smaller."""
 
 AHEAD = 3
 """Nodes and leaves are asked of the memory so many before their turn."""
+
+PARTS_A_THREAD = 3
+"""Parts into which a fleet is cut for each thread: the more, the less one waits for another in the
+end, but each part costs a few microseconds."""
 
 # What a polynomial has behind its coefficients: bounds on its second and third order terms over
 # the second and third power of the distance.
@@ -144,11 +149,16 @@ class PatchFleet:
     """Several hulls in one sea, computed in one call; those with the same tree share it.
 
     methods: Patches, all for the same sea; poses: for each the row of its pose in the arrays
-    given to `add_wrenches`; rows: its row in what that adds to (several may have the same).
+    given to `add_wrenches`; rows: its row in what that adds to (several may have the same);
+    threads: how many, with the caller's own, share the hulls. The result is the same to the bit.
     """
 
     def __init__(
-        self, methods: Sequence[Patches], poses: Sequence[int], rows: Sequence[int]
+        self,
+        methods: Sequence[Patches],
+        poses: Sequence[int],
+        rows: Sequence[int],
+        threads: int = 1,
     ) -> None:
         sea = methods[0].sea
         if any(method.sea is not sea for method in methods):
@@ -165,15 +175,39 @@ class PatchFleet:
         residual = CARRY * min(method.jet_reach for method in methods)
         steps, _ = sea.newton_steps(residual / SAFETY)
         scale = -sea.density * sea.gravity
+        setting = (sea.components, steps, residual, sea.amplitude, scale)
+        tree = joined(trees)
         self._level = sea.level
-        self.packed = packed(
-            joined(trees), instances, sea.components, steps, residual, sea.amplitude, scale
-        )
+        self.packed = packed(tree, instances, *setting)
+        self._crew: Crew | None = None
+        parts = parts_of(instances, threads)
+        if len(parts) > 1:
+            self._parts = [packed(tree, part, *setting)[2] for part in parts]
+            self._crew = Crew(min(threads, len(parts)) - 1)
 
     def add_wrenches(self, positions: Array, rotations: Array, time: float, out: Array) -> None:
         """Add each hull's wrench, as of `Patches.wrench`, to its row of out (., 6), for its pose
         among positions (., 3) [m] and rotations (., 9)."""
-        fleet_wrenches(*self.packed, positions, rotations, self._level, time, out)
+        if self._crew is None:
+            fleet_wrenches(*self.packed, positions, rotations, self._level, time, out)
+            return
+        reals, singles, _ = self.packed
+
+        def add(part: NDArray[np.int64]) -> None:
+            fleet_wrenches(reals, singles, part, positions, rotations, self._level, time, out)
+
+        self._crew.share(add, self._parts)
+
+
+def parts_of(instances: NDArray[np.int64], threads: int) -> list[NDArray[np.int64]]:
+    """The instances (H, 4) of a fleet in parts for so many threads, the largest first; those that
+    add to the same row stay together, in order."""
+    if threads == 1:
+        return [instances]
+    rows, turns = np.unique(instances[:, 3], return_inverse=True)
+    count = min(PARTS_A_THREAD * threads, len(rows))
+    parts = [instances[turns % count == i] for i in range(count)]
+    return sorted(parts, key=lambda part: -np.sum(part[:, 1] - part[:, 0]))
 
 
 def patch_radius(sea: Sea, tolerance: float, largest: float) -> float:
@@ -492,7 +526,7 @@ def add_turned(body, position, rotation, scale, row):
             row[3 + j] += factor * body[3 + k]
 
 
-@kernel
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")  # for threads
 def fleet_wrenches(reals, singles, integers, positions, rotations, level, time, out):
     """Add the wrenches of all instances of a packed fleet to out (., 6)."""
     tree, setting = unpacked(reals, singles, integers)
