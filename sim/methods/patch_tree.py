@@ -13,10 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.core import cgutils
-from numba.extending import intrinsic
+from numba import njit
 from numpy.typing import NDArray
 
 from sim.gerstner import COMPONENT_COLUMNS
@@ -322,30 +319,6 @@ def _in_lines(array: NDArray) -> NDArray:
     copy[:] = array
     copy.setflags(write=False)
     return copy
-
-
-@intrinsic
-def prefetch(typing_context, array, row):
-    """Ask for a row of a contiguous array (., N) some time before it is needed. On meshes too large
-    for the second-level cache a fifth of a step would go into waiting otherwise, and Numba
-    has no word for it."""
-
-    def generate(context, builder, signature, arguments):
-        kind, index = signature.args[0], [arguments[1], context.get_constant(types.intp, 0)]
-        view = context.make_array(kind)(context, builder, arguments[0])
-        address, flag = cgutils.voidptr_t, ir.IntType(32)
-        first = builder.bitcast(
-            cgutils.get_item_pointer(context, builder, kind, view, index), address
-        )
-        shape = ir.FunctionType(ir.VoidType(), [address, flag, flag, flag])
-        instruction = builder.module.declare_intrinsic("llvm.prefetch", [address], shape)
-        to_read, to_keep, data = flag(0), flag(3), flag(1)
-        size = builder.extract_value(view.strides, 0)
-        with cgutils.for_range_slice(builder, size.type(0), size, size.type(CACHE_LINE)) as (i, _):
-            builder.call(instruction, [builder.gep(first, [i]), to_read, to_keep, data])
-        return context.get_dummy_value()
-
-    return types.void(array, row), generate
 
 
 @njit(inline="always")

@@ -68,7 +68,6 @@ from sim.methods.patch_tree import (
     build_tree,
     joined,
     packed,
-    prefetch,
     unpacked,
 )
 from sim.sea import Sea
@@ -89,9 +88,6 @@ SAFETY = 1.5
 CARRY = 0.05
 """A jet may come from a particle so many radii away from the patch's centre: the solve for it then
 ends early, and patches are by that much smaller."""
-
-AHEAD = 3
-"""Nodes and leaves are asked of the memory so many before their turn."""
 
 PARTS_A_THREAD = 3
 """Parts into which a fleet is cut for each thread: the more, the less one waits for another in the
@@ -396,9 +392,7 @@ def add_six(body, b0, b1, b2, b3, b4, b5):
 def add_wet_nodes(wet, linear_moments, bending_moments, chosen, polynomials, body):
     """Add the moments of the surely wet nodes to their instances' sums body (H, 6)."""
     for n in range(wet.shape[0]):
-        node, i, ahead = wet[n, 0], wet[n, 1], wet[min(n + AHEAD, wet.shape[0] - 1), 0]
-        prefetch(linear_moments, ahead)
-        prefetch(bending_moments, ahead)
+        node, i = wet[n, 0], wet[n, 1]
         q, total = polynomials[i], body[chosen[i, 1]]
         add_products(q, 0, LINEAR, linear_moments[node], 0, total)
         add_products(q, LINEAR, BENDING, bending_moments[node], 0, total)
@@ -466,9 +460,7 @@ def add_opened_leaves(opened, records, triangles, chosen, polynomials, heads, cu
     count = 0
     bend = np.zeros(QUADRATICS)
     for n in range(opened.shape[0]):
-        leaf, i, ahead = opened[n, 0], opened[n, 1], opened[min(n + AHEAD, opened.shape[0] - 1), 0]
-        prefetch(records, ahead)
-        prefetch(triangles, ahead)
+        leaf, i = opened[n, 0], opened[n, 1]
         q, total, record = polynomials[i], body[chosen[i, 1]], records[leaf]
         leaf_heads(q, record, heads[n])
         wet = wet_vertices(heads[n])
