@@ -18,7 +18,15 @@ from independent import (
 )
 from sim import Hull, Linear, Patches, Reference, Sea, Wave
 from sim.gerstner import JET_ROWS, solve_jets
-from sim.methods.patch_tree import LEAF, MONOMIALS, build_tree, local_quadratic, monomials
+from sim.methods.patch_tree import (
+    CORNER,
+    CORNER_BITS,
+    LEAF,
+    MONOMIALS,
+    build_tree,
+    local_quadratic,
+    monomials,
+)
 from sim.methods.patches import (
     CARRY,
     POLYNOMIAL_COLUMNS,
@@ -214,7 +222,9 @@ def test_splitting_keeps_the_surface():
     # every triangle is in just one leaf: its corners are read from the code's first three bytes
     leaf, slot = np.nonzero(tree.triangles)
     codes = tree.triangles[leaf, slot]
-    corners = np.stack([tree.places[leaf, :, codes >> 8 * i & 255] for i in range(3)], axis=1)
+    corners = np.stack(
+        [tree.places[leaf, :, codes >> CORNER_BITS * i & CORNER] for i in range(3)], axis=1
+    )
     a, b, c = np.moveaxis(corners, 1, 0)
     areas = 0.5 * np.cross(b - a, c - a)
     assert np.linalg.norm(areas, axis=1).sum() == pytest.approx(6.0, rel=ROUND_OFF)

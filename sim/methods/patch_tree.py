@@ -25,10 +25,11 @@ Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 
-LEAF_TRIANGLES = LEAF_VERTICES = 16
-"""A node with no more of them is not divided further: fewer make a deeper tree, more open
-triangles that the waterline does not touch. All leaves have room for so many, so that loops
-over them have a fixed length and vectorise whole."""
+LEAF_TRIANGLES = LEAF_VERTICES = 24
+"""A node with no more of them is not divided further: fewer make a deeper tree and more leaves on
+the waterline, more make more open triangles that the waterline does not touch. All leaves have
+room for so many, so that loops over them have a fixed length and vectorise whole; a multiple of
+gerstner.LANES, at most 32."""
 
 MAX_TRIANGLES = 2_000_000
 """Splitting stops here: such a tree takes some gigabytes."""
@@ -42,6 +43,12 @@ MONOMIALS = LINEAR + BENDING
 
 QUADRATICS = 8
 """The six quadratic coefficients and two zeros, which make them a vector."""
+
+# Parts of a triangle's code (see triangle_codes): bits for a corner, a mask for one, and where the
+# set of corners begins.
+CORNER_BITS = 5
+CORNER = (1 << CORNER_BITS) - 1
+CORNER_SET = 5 * CORNER_BITS
 
 # Where a leaf's record has what (see PatchTree.leaf_records).
 WEIGHTS = 3 * LEAF_VERTICES
@@ -92,11 +99,12 @@ class PatchTree:
 
 
 def triangle_codes(corners: Integers) -> Integers:
-    """Triangles (N, 3) of vertices below 16 as one number each: the bytes a, b, c, a, b, from which
-    the corners are read in any order, then the set of corners as bits."""
-    a, b, c = corners.T
-    bits = (np.int64(1) << corners).sum(axis=1)
-    return a | b << 8 | c << 16 | a << 24 | b << 32 | bits << 40
+    """Triangles (N, 3) of vertices below 32 as one number each: a, b, c, a, b in CORNER_BITS each,
+    from which the corners are read in any order, then the set of corners as bits."""
+    bits = (np.int64(1) << corners).sum(axis=1) << CORNER_SET
+    for place, corner in enumerate((0, 1, 2, 0, 1)):
+        bits |= corners[:, corner] << place * CORNER_BITS
+    return bits
 
 
 def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
@@ -293,13 +301,14 @@ def packed(
     components: Array,
     steps: int,
     residual: float,
+    level: float,
     amplitude: float,
     scale: float,
 ) -> tuple[Array, Singles, Integers]:
     """All that a step needs of a tree, its instances (H, 4) and the sea in three arrays: each
     argument handed to a kernel costs a tenth of a microsecond."""
     counts = [len(a) for a in (tree.patches, tree.nodes, tree.places, instances, components)]
-    setting = np.array([residual, amplitude, scale])
+    setting = np.array([residual, level, amplitude, scale])
     moments = tree.linear_moments
     reals = (tree.nodes, moments, tree.leaf_records(), tree.patches, components, setting)
     integers = (tree.triangles, tree.patch_nodes, instances)
@@ -330,7 +339,7 @@ def _block(array, start, rows, columns):
 @njit(inline="always")
 def unpacked(reals, singles, integers):
     """From the arrays of `packed` those of PatchTree, a row for each patch, node or leaf, and then
-    instances, components, Newton steps, residual, amplitude and scale."""
+    instances, components, Newton steps, residual, level, amplitude and scale."""
     p, n, leaves = integers[0], integers[1], integers[2]
     h, waves, steps = integers[3], integers[4], integers[5]
     nodes, at = _block(reals, 0, n, 8)
@@ -338,10 +347,10 @@ def unpacked(reals, singles, integers):
     records, at = _block(reals, at, leaves, RECORD)
     patches, at = _block(reals, at, p, 4)
     components, at = _block(reals, at, waves, COMPONENT_COLUMNS)
-    residual, amplitude, scale = reals[at], reals[at + 1], reals[at + 2]
+    residual, level, amplitude, scale = reals[at], reals[at + 1], reals[at + 2], reals[at + 3]
     bending_moments, at = _block(singles, 0, n, 6 * BENDING)
     triangles, at = _block(integers, 8, leaves, LEAF_TRIANGLES)
     patch_nodes, at = _block(integers, at, p, 2)
     instances, at = _block(integers, at, h, 4)
     tree = patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles
-    return tree, (instances, components, steps, residual, amplitude, scale)
+    return tree, (instances, components, steps, residual, level, amplitude, scale)

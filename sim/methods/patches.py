@@ -57,6 +57,9 @@ from sim.methods.patch_tree import (
     AFTER,
     BENDING,
     BENDS,
+    CORNER,
+    CORNER_BITS,
+    CORNER_SET,
     LEAF,
     LEAF_TRIANGLES,
     LEAF_VERTICES,
@@ -123,7 +126,7 @@ class Patches:
         self.tolerance = float(tolerance)
         self.radius = patch_radius(sea, self.tolerance, side)
         self.tree = build_tree(hull, self.radius, longest_edge(sea, self.tolerance))
-        self._fleet = PatchFleet([self], [0], [0])
+        self._packed = PatchFleet([self], [0], [0]).packed
 
     @property
     def jet_reach(self) -> float:
@@ -137,8 +140,8 @@ class Patches:
         hull -> world; time [s].
         """
         position = np.ascontiguousarray(position, dtype=float)
-        rotation = np.ascontiguousarray(rotation, dtype=float).reshape(9)
-        return hull_wrench(*self._fleet.packed, position, rotation, self.sea.level, float(time))
+        rotation = np.ascontiguousarray(rotation, dtype=float)
+        return hull_wrench(*self._packed, position, rotation, float(time))
 
 
 class PatchFleet:
@@ -171,9 +174,8 @@ class PatchFleet:
         residual = CARRY * min(method.jet_reach for method in methods)
         steps, _ = sea.newton_steps(residual / SAFETY)
         scale = -sea.density * sea.gravity
-        setting = (sea.components, steps, residual, sea.amplitude, scale)
+        setting = (sea.components, steps, residual, sea.level, sea.amplitude, scale)
         tree = joined(trees)
-        self._level = sea.level
         self.packed = packed(tree, instances, *setting)
         self._crew: Crew | None = None
         parts = parts_of(instances, threads)
@@ -185,12 +187,12 @@ class PatchFleet:
         """Add each hull's wrench, as of `Patches.wrench`, to its row of out (., 6), for its pose
         among positions (., 3) [m] and rotations (., 9)."""
         if self._crew is None:
-            fleet_wrenches(*self.packed, positions, rotations, self._level, time, out)
+            fleet_wrenches(*self.packed, positions, rotations, time, out)
             return
         reals, singles, _ = self.packed
 
         def add(part: NDArray[np.int64]) -> None:
-            fleet_wrenches(reals, singles, part, positions, rotations, self._level, time, out)
+            fleet_wrenches(reals, singles, part, positions, rotations, time, out)
 
         self._crew.share(add, self._parts)
 
@@ -471,7 +473,7 @@ def add_opened_leaves(opened, records, triangles, chosen, polynomials, heads, cu
         add_products(bend, 0, QUADRATICS, record, BENDS, total)
         for t in range(LEAF_TRIANGLES):
             cut[count, 0], cut[count, 1] = triangles[leaf, t], n
-            corners = triangles[leaf, t] >> 40
+            corners = triangles[leaf, t] >> CORNER_SET
             count += (wet & corners != 0) & (wet & corners != corners)
     return count
 
@@ -484,11 +486,12 @@ def subtract_dry_parts(cut, opened, records, heads, patches, chosen, body):
         code, at = cut[n, 0], cut[n, 1]
         head, d, i = heads[at], records[opened[at, 0]], opened[at, 1]
         patch, total = patches[chosen[i, 0]], body[chosen[i, 1]]
-        wet_a = head[code & 255] > 0.0
-        wet_b, wet_c = head[code >> 8 & 255] > 0.0, head[code >> 16 & 255] > 0.0
+        wet_a = head[code & CORNER] > 0.0
+        wet_b = head[code >> CORNER_BITS & CORNER] > 0.0
+        wet_c = head[code >> 2 * CORNER_BITS & CORNER] > 0.0
         # turned so that the only wet or the only dry corner comes first
-        code >>= 8 * ((wet_b != wet_c) * (1 + (wet_a != wet_c)))
-        a, b, c = code & 255, code >> 8 & 255, code >> 16 & 255
+        code >>= CORNER_BITS * ((wet_b != wet_c) * (1 + (wet_a != wet_c)))
+        a, b, c = code & CORNER, code >> CORNER_BITS & CORNER, code >> 2 * CORNER_BITS & CORNER
         y, z = LEAF_VERTICES, 2 * LEAF_VERTICES
         ax, ay, az = d[a], d[y + a], d[z + a]
         bx, by, bz = d[b], d[y + b], d[z + b]
@@ -519,11 +522,11 @@ def add_turned(body, position, rotation, scale, row):
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")  # for threads
-def fleet_wrenches(reals, singles, integers, positions, rotations, level, time, out):
+def fleet_wrenches(reals, singles, integers, positions, rotations, time, out):
     """Add the wrenches of all instances of a packed fleet to out (., 6)."""
     tree, setting = unpacked(reals, singles, integers)
     patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles = tree
-    instances, components, steps, residual, amplitude, scale = setting
+    instances, components, steps, residual, level, amplitude, scale = setting
     most = np.sum(instances[:, 1] - instances[:, 0])
     places, chosen = np.empty((3, most + 1)), np.empty((most + 1, 3), np.int64)
     active, most_nodes = reachable_patches(
@@ -551,9 +554,9 @@ def fleet_wrenches(reals, singles, integers, positions, rotations, level, time, 
 
 
 @kernel
-def hull_wrench(reals, singles, integers, position, rotation, level, time):
+def hull_wrench(reals, singles, integers, position, rotation, time):
     """Wrench (6,) of a fleet of one."""
     out = np.zeros((1, 6))
     positions, rotations = position.reshape(1, 3), rotation.reshape(1, 9)
-    fleet_wrenches(reals, singles, integers, positions, rotations, level, time, out)
+    fleet_wrenches(reals, singles, integers, positions, rotations, time, out)
     return out[0]
