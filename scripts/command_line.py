@@ -22,7 +22,7 @@ UNUSABLE_INPUT, DIVERGED, UNWRITABLE, INTERRUPTED, BROKEN_PIPE = 2, 3, 4, 130, 1
 SAME_SIGNAL = 0.5
 """Seconds within which a second signal belongs to the first: `timeout` sends each one twice."""
 
-COMPILING_NOTICE_AFTER = 1.0
+COMPILING_NOTICE_AFTER = 3.0
 """Seconds after which loading a scene can only mean that kernels are being compiled."""
 
 

@@ -221,7 +221,7 @@ class Sea:
     def curvature_bound(self) -> float:
         """Bound [1/m] on the elevation's second derivatives, everywhere and in any direction.
 
-        In the formula of H (see `gerstner.slopes_from_sums`) each factor J^-1 is at most
+        In the formula of H (see `gerstner.curvatures_from_sums`) each factor J^-1 is at most
         1 / (1 - sum k a) and the sum, as |G| <= sum k a / (1 - sum k a), at most
         sum k^2 a / (1 - sum k a).
         """
