@@ -79,8 +79,8 @@ from sim.triangle import clip_dry_part, cross
 Array = NDArray[np.float64]
 
 DEFAULT_TOLERANCE = 1.0 / 250.0
-"""Of the hull's longest side. Errors of patches cancel: this much water height leaves less than 1e-4
-of the weight of the displaced water, half of what linear has on a mesh of 4000 triangles."""
+"""Of the hull's longest side. Errors of patches cancel: this much water height leaves less than
+1e-4 of the weight of the displaced water, half of what linear has on a mesh of 4000 triangles."""
 
 DIRECTIONS = 8
 """Directions in which jets are tried on the samples of the sea."""
