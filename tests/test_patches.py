@@ -19,6 +19,7 @@ from independent import (
 from sim import Hull, Linear, Patches, Reference, Sea, Wave
 from sim.gerstner import JET_ROWS, solve_jets
 from sim.methods.patch_tree import (
+    AFTER,
     CORNER,
     CORNER_BITS,
     LEAF,
@@ -33,6 +34,7 @@ from sim.methods.patches import (
     SAFETY,
     PatchFleet,
     head_polynomials,
+    walk,
 )
 
 CUBE = trimesh.creation.box(extents=[1.0, 1.0, 1.0])
@@ -60,18 +62,24 @@ def forty_waves(steepness: float = 0.72) -> Sea:
     return Sea([Wave(*wave) for wave in zip(amplitudes, lengths, headings, phases, strict=True)])
 
 
-def head_errors(method: Patches, position, rotation, time: float) -> np.ndarray:
-    """Errors [m] of the head at every vertex of every patch, from the same jets as a step's."""
+def polynomials_of_patches(method: Patches, position, rotation, time: float) -> np.ndarray:
+    """Coefficients and bounds of all patches' heads, from the same jets as a step's."""
     tree, sea = method.tree, method.sea
-    centres = tree.patches[:, :3] @ rotation.T + position
-    jets = np.empty((JET_ROWS, len(centres)))
+    x, y, z = (tree.patches[:, :3] @ rotation.T + position).T.copy()
+    jets = np.empty((JET_ROWS, x.size))
     residual = CARRY * method.jet_reach
     steps, _ = sea.newton_steps(residual / SAFETY)
-    x, y, z = centres.T.copy()
     solve_jets(x, y, sea.components, time, residual, steps, jets)
-    q = np.empty((len(centres), POLYNOMIAL_COLUMNS))
-    chosen = np.zeros((len(centres), 3), dtype=np.int64)
+    q = np.empty((x.size, POLYNOMIAL_COLUMNS))
+    chosen = np.zeros((x.size, 3), dtype=np.int64)
     head_polynomials(jets, z - sea.level, chosen, rotation.reshape(1, 9).copy(), q)
+    return q
+
+
+def head_errors(method: Patches, position, rotation, time: float) -> np.ndarray:
+    """Errors [m] of the head at every vertex of every patch."""
+    tree, sea = method.tree, method.sea
+    q = polynomials_of_patches(method, position, rotation, time)
     errors = []
     for patch, (first, end) in enumerate(tree.patch_nodes):
         numbers = tree.nodes[first:end, LEAF].astype(int)
@@ -124,6 +132,40 @@ def far_poses(count: int):
     for _ in range(count):
         position = rng.uniform(-50.0, 50.0, 3) * [1.0, 1.0, 0.004]
         yield position, random_rotation(rng), rng.uniform(0.0, 100.0)
+
+
+@pytest.mark.parametrize("steepness", [0.2, 0.8])
+def test_a_walk_is_sure_of_what_it_says(steepness):
+    """No vertex below a node that counts as wet is dry by the patch's polynomial, and none below
+    one that counts as dry is wet, however strongly the polynomial bends: below a level plate
+    crests and troughs meet the flat boxes of its nodes where the slope says nothing."""
+    sea = crossing_waves(2.0, steepness)
+    plate = trimesh.creation.box(extents=[1.0, 1.0, 0.01])
+    for _ in range(5):
+        plate = plate.subdivide()
+    method = Patches(Hull.from_trimesh(plate), sea, 0.05)
+    tree = method.tree
+    count = len(tree.patches)
+    chosen = np.column_stack([np.arange(count), np.zeros((count, 2), dtype=np.int64)])
+    wet, opened = np.empty((2, len(tree.nodes), 2), dtype=np.int64)
+    seen = np.zeros(2)
+    for position, _, time in random_poses(8, seed=52):
+        level = float(sea.elevation(position[0], position[1], time))
+        q = polynomials_of_patches(method, [*position[:2], level], np.eye(3), time)
+        sizes = walk(tree.patch_nodes, tree.nodes, tree.patches, chosen, q, wet, opened)
+        is_wet = np.zeros(len(tree.nodes), dtype=bool)
+        for node, _ in wet[: sizes[0]]:
+            is_wet[node : int(tree.nodes[node, AFTER])] = True
+        seen += sizes
+        for node in np.flatnonzero(tree.nodes[:, LEAF] >= 0):
+            leaf = int(tree.nodes[node, LEAF])
+            patch = np.searchsorted(tree.patch_nodes[:, 1], node, side="right")
+            heads = monomials(tree.places[leaf].T) @ q[patch, :MONOMIALS]
+            if is_wet[node]:
+                assert heads.min() > -ROUND_OFF
+            elif leaf not in opened[: sizes[1], 0]:
+                assert heads.max() < ROUND_OFF
+    assert (seen > 100).all()
 
 
 def test_wrench_tends_to_the_reference_with_the_tolerance():

@@ -350,8 +350,9 @@ def walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened):
     wet_count, opened_count = 0, 0
     for i in range(chosen.shape[0]):
         q, patch = polynomials[i], chosen[i, 0]
-        # in the patch a place is at most 2 radii from a box's middle, and that 1 from the centre
-        bend = q[BOUND_2] + (3.0 + 2.0) * patches[patch, 3] * q[BOUND_3]
+        # the middle of the box of points in a ball is at most 1.1 radii from the ball's, and so
+        # 2.1 from a point: of the cubic around it 3 C(middle, u, u) + C(u, u, u)
+        bend = q[BOUND_2] + (3.0 * 1.1 + 2.1) * patches[patch, 3] * q[BOUND_3]
         node, end = patch_nodes[patch, 0], patch_nodes[patch, 1]
         while node < end:
             box = nodes[node]
