@@ -40,9 +40,11 @@ CHUNK = 248
 """Points solved together: their scratch (`SCRATCH_ROWS` rows) fits the second-level cache. Not a
 power of two, because rows a power of two apart would fight for the same lines of the first."""
 
-# Columns of the components of a sea, one row a wave (see Sea.components).
+# Columns of the components of a sea, one row a wave (see Sea.components): RISE_1 to RISE_3 are
+# k a, k^2 a and k^3 a, what a wave adds to derivatives of that order.
 TURNS_X, TURNS_Y, TURNS, FREQUENCY, AMPLITUDE, WAVENUMBER, DIRECTION_X, DIRECTION_Y = range(8)
-COMPONENT_COLUMNS = 8
+RISE_1, RISE_2, RISE_3 = range(8, 11)
+COMPONENT_COLUMNS = 11
 
 LANES = 8
 """Chunks are filled up to a multiple of this: what is left of a loop after its vectors would be
@@ -143,7 +145,7 @@ def wave_sums(count, components, time, scratch):
         wave = components[w]
         turns = wave[TURNS] - wave[FREQUENCY] * time
         a, dx, dy = wave[AMPLITUDE], wave[DIRECTION_X], wave[DIRECTION_Y]
-        ka = wave[WAVENUMBER] * a
+        ka = wave[RISE_1]
         for i in range(count):
             s, c = sine_cosine(
                 wave[TURNS_X] * scratch[LABEL_X, i] + wave[TURNS_Y] * scratch[LABEL_Y, i] + turns
@@ -161,15 +163,16 @@ def jet_sums(count, components, time, scratch):
     for w in range(components.shape[0]):
         wave = components[w]
         turns = wave[TURNS] - wave[FREQUENCY] * time
-        a, k, dx, dy = wave[AMPLITUDE], wave[WAVENUMBER], wave[DIRECTION_X], wave[DIRECTION_Y]
+        a, dx, dy = wave[AMPLITUDE], wave[DIRECTION_X], wave[DIRECTION_Y]
+        ka, kka, kkka = wave[RISE_1], wave[RISE_2], wave[RISE_3]
         for i in range(count):
             s, c = sine_cosine(
                 wave[TURNS_X] * scratch[LABEL_X, i] + wave[TURNS_Y] * scratch[LABEL_Y, i] + turns
             )
             scratch[SINES, i], scratch[COSINES, i] = s, c
         for i in range(count):
-            add_wave(i, scratch[SINES, i], scratch[COSINES, i], a, k * a, dx, dy, scratch)
-        xx, xy, yy, kka = dx * dx, dx * dy, dy * dy, k * k * a
+            add_wave(i, scratch[SINES, i], scratch[COSINES, i], a, ka, dx, dy, scratch)
+        xx, xy, yy = dx * dx, dx * dy, dy * dy
         for i in range(count):
             s, c = kka * scratch[SINES, i], kka * scratch[COSINES, i]
             scratch[BEND_XX, i] += xx * s
@@ -180,7 +183,7 @@ def jet_sums(count, components, time, scratch):
             scratch[TWIST_XYY, i] += dx * yy * c
             scratch[TWIST_YYY, i] += dy * yy * c
         for i in range(count):
-            s, c = k * kka * scratch[SINES, i], k * kka * scratch[COSINES, i]
+            s, c = kkka * scratch[SINES, i], kkka * scratch[COSINES, i]
             scratch[KINK_XXX, i] += dx * xx * c
             scratch[KINK_XXY, i] += dy * xx * c
             scratch[KINK_XYY, i] += dx * yy * c

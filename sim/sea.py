@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.gerstner import (
     AMPLITUDE,
+    COMPONENT_COLUMNS,
     DIRECTION_X,
     DIRECTION_Y,
     FREQUENCY,
@@ -28,10 +29,14 @@ from sim.gerstner import (
     LABEL_Y,
     PLAIN_STEPS,
     RESIDUAL,
+    RISE_1,
+    RISE_2,
+    RISE_3,
     SCRATCH_ROWS,
     TURNS,
     TURNS_X,
     TURNS_Y,
+    WAVENUMBER,
     newton_update,
     solve_heights,
     solve_jets,
@@ -145,7 +150,8 @@ class Sea:
                 f"{self.steepness:.3f} and must stay below 1; scale all amplitudes by less than "
                 f"{1.0 / self.steepness:.3f} or lengthen the waves"
             )
-        components = np.array([self._component(wave) for wave in self.waves]).reshape(-1, 8)
+        components = np.array([self._component(wave) for wave in self.waves])
+        components = components.reshape(-1, COMPONENT_COLUMNS)
         components.setflags(write=False)
         object.__setattr__(self, "components", components)
         object.__setattr__(self, "residual_tolerance", self._residual_tolerance())
@@ -204,6 +210,7 @@ class Sea:
             wave.wavenumber,
             direction_x,
             direction_y,
+            *(wave.wavenumber**power * wave.amplitude for power in (1, 2, 3)),
         )
 
     def _residual_tolerance(self) -> float:
@@ -227,6 +234,34 @@ class Sea:
         """
         total = sum(w.wavenumber**2 * w.amplitude for w in self.waves)
         return float(total / (1.0 - self.steepness) ** 3)
+
+    def economised(self, radius: float) -> Array:
+        """Components whose jets are economised: cubics that fit best over a disc of a radius [m]
+        instead of Taylor's, which are best in its centre and several times worse at its rim.
+
+        Along its direction each wave is replaced by the cubic next to it in the mean square over
+        the disc. With s the place over the radius and u = k radius that is
+
+            cos(u s) ~ b0 + b2 (4 s^2 - 1),        sin(u s) ~ 2 b1 s + b3 (8 s^3 - 4 s),
+
+        Chebyshev's polynomials of the second kind, whose weight is that of a disc seen from the
+        side; value and derivatives in the centre follow. (Lanczos 1938 for economised series.)
+        Products of waves stay Taylor's. Slopes and offsets are changed so much alike that a
+        label's Newton steps still shrink the residual, by a third or more, in any sea.
+        """
+        components = self.components.copy()
+        u = components[:, [WAVENUMBER]] * radius
+        count = 32 + 2 * int(u.max(initial=0.0))  # enough to resolve the shortest wave
+        angles = np.pi * np.arange(1, count) / count
+        s, weights = np.cos(angles), 2.0 / count * np.sin(angles)
+        b0, b2 = (np.cos(u * s) @ (weights * np.sin(n * angles)) for n in (1, 3))
+        b1, b3 = (np.sin(u * s) @ (weights * np.sin(n * angles)) for n in (2, 4))
+        amplitude = self.components[:, AMPLITUDE]
+        components[:, AMPLITUDE] = amplitude * (b0 - b2)
+        components[:, RISE_1] = amplitude * (2.0 * b1 - 4.0 * b3) / radius
+        components[:, RISE_2] = amplitude * -8.0 * b2 / radius**2
+        components[:, RISE_3] = amplitude * -48.0 * b3 / radius**3
+        return components
 
     def sample_places(self) -> tuple[Array, Array]:
         """Places x, y (SAMPLES,) [m] at time 0 of particles whose labels are spread over many

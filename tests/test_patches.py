@@ -34,6 +34,7 @@ from sim.methods.patches import (
     SAFETY,
     PatchFleet,
     head_polynomials,
+    jet_error,
     walk,
 )
 
@@ -69,7 +70,7 @@ def polynomials_of_patches(method: Patches, position, rotation, time: float) -> 
     jets = np.empty((JET_ROWS, x.size))
     residual = CARRY * method.jet_reach
     steps, _ = sea.newton_steps(residual / SAFETY)
-    solve_jets(x, y, sea.components, time, residual, steps, jets)
+    solve_jets(x, y, method.components, time, residual, steps, jets)
     q = np.empty((x.size, POLYNOMIAL_COLUMNS))
     chosen = np.zeros((x.size, 3), dtype=np.int64)
     head_polynomials(jets, z - sea.level, chosen, rotation.reshape(1, 9).copy(), q)
@@ -124,6 +125,18 @@ def test_the_promise_holds_for_waves_a_tenth_of_the_hull(steepness):
     method = Patches(Hull.from_trimesh(spindle), crossing_waves(0.1, steepness), tolerance=0.04)
     for pose in far_poses(3):
         assert head_errors(method, *pose).max() < 0.04
+
+
+@pytest.mark.parametrize("sea", [three_waves(), forty_waves()], ids=["three", "forty"])
+def test_economised_jets_are_nearer_to_the_sea_than_taylor_s(sea):
+    radius = 0.2
+    x, y = sea.sample_places()
+    errors = []
+    for components in (sea.components, sea.economised(radius)):
+        jets = np.empty((JET_ROWS, x.size))
+        solve_jets(x, y, components, 0.0, sea.residual_tolerance, 0, jets)
+        errors.append(jet_error(sea, x, y, jets, radius))
+    assert errors[1] < 0.7 * errors[0]
 
 
 def far_poses(count: int):

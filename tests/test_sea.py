@@ -193,6 +193,43 @@ def test_far_from_the_origin_and_late_only_the_positions_round_off_is_lost():
     np.testing.assert_allclose(late, sea.elevation(x, 0.0, 0.0), atol=1e-9)
 
 
+@pytest.mark.parametrize("u", [0.1, 1.0, 3.0, 10.0])
+def test_economised_components_are_the_best_cubic_over_a_disc(u):
+    """Against a least-squares fit along the wave, places weighted by the disc's width there."""
+    wavenumber, amplitude = np.pi, 0.1
+    row = Sea([Wave(amplitude, 2.0)]).economised(u / wavenumber)[0]
+    s = (np.arange(20000) + 0.5) / 10000 - 1.0
+    x, root = u / wavenumber * s, (1.0 - s**2) ** 0.25  # least squares squares the weights
+    for function, powers, columns in (
+        (np.cos, (0, 2), (gerstner.AMPLITUDE, gerstner.RISE_2)),
+        (np.sin, (1, 3), (gerstner.RISE_1, gerstner.RISE_3)),
+    ):
+        basis = np.stack([x**power for power in powers], axis=1)
+        best = np.linalg.lstsq(root[:, None] * basis, root * function(wavenumber * x), rcond=None)
+        # to derivatives; every second one of a sine or cosine changes sign
+        expected = amplitude * best[0] * [1.0, -[2.0, 6.0][powers[0]]]
+        np.testing.assert_allclose(row[list(columns)], expected, rtol=1e-5)  # the sum over places
+
+
+def test_economised_components_tend_to_the_sea_s_own_with_the_radius():
+    """With the square of the radius, as the term left out over those kept."""
+    sea = three_waves()
+    columns = [gerstner.AMPLITUDE, gerstner.RISE_1, gerstner.RISE_2, gerstner.RISE_3]
+    own = sea.components[:, columns]
+    changes = [np.abs(sea.economised(r)[:, columns] / own - 1.0).max() for r in (0.1, 0.05, 0.025)]
+    assert changes[0] < 0.02
+    np.testing.assert_allclose(np.divide(changes[:-1], changes[1:]), 4.0, rtol=0.02)
+    assert not Sea().economised(1.0).size
+
+
+def test_newton_steps_shrink_the_residual_of_economised_waves_too():
+    """Its slope misses the offset's own by less than two thirds of what keeps it from folding."""
+    for u in np.geomspace(0.01, 100.0, 300):
+        row = Sea([Wave(0.1, 2.0 * np.pi)]).economised(u)[0]
+        offset, slope = row[[gerstner.AMPLITUDE, gerstner.RISE_1]] / 0.1
+        assert abs(slope - offset) <= (2.0 / 3.0) * (1.0 - abs(slope)) + 1e-12
+
+
 def test_flat_water_is_level():
     sea = Sea(level=-2.0)
     surface = sea.surface(np.arange(3.0), 0.0, 5.0)

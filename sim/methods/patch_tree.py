@@ -305,9 +305,10 @@ def packed(
     amplitude: float,
     scale: float,
 ) -> tuple[Array, Singles, Integers]:
-    """All that a step needs of a tree, its instances (H, 4) and the sea in three arrays: each
-    argument handed to a kernel costs a tenth of a microsecond."""
-    counts = [len(a) for a in (tree.patches, tree.nodes, tree.places, instances, components)]
+    """All that a step needs of a tree, its instances (H, 5) and their seas' components (., W, .)
+    in three arrays: each argument handed to a kernel costs a tenth of a microsecond."""
+    counts = [len(a) for a in (tree.patches, tree.nodes, tree.places, instances)]
+    counts += [*components.shape[:2], steps, 0]
     setting = np.array([residual, level, amplitude, scale])
     moments = tree.linear_moments
     reals = (tree.nodes, moments, tree.leaf_records(), tree.patches, components, setting)
@@ -315,7 +316,7 @@ def packed(
     return (
         _in_lines(np.concatenate([array.ravel() for array in reals])),
         _in_lines(tree.bending_moments.ravel()),
-        _in_lines(np.concatenate([[*counts, steps, 0, 0], *(array.ravel() for array in integers)])),
+        _in_lines(np.concatenate([counts, *(array.ravel() for array in integers)])),
     )
 
 
@@ -341,16 +342,17 @@ def unpacked(reals, singles, integers):
     """From the arrays of `packed` those of PatchTree, a row for each patch, node or leaf, and then
     instances, components, Newton steps, residual, level, amplitude and scale."""
     p, n, leaves = integers[0], integers[1], integers[2]
-    h, waves, steps = integers[3], integers[4], integers[5]
+    h, seas, waves, steps = integers[3], integers[4], integers[5], integers[6]
     nodes, at = _block(reals, 0, n, 8)
     linear_moments, at = _block(reals, at, n, 6 * LINEAR)
     records, at = _block(reals, at, leaves, RECORD)
     patches, at = _block(reals, at, p, 4)
-    components, at = _block(reals, at, waves, COMPONENT_COLUMNS)
+    components, at = _block(reals, at, seas * waves, COMPONENT_COLUMNS)
     residual, level, amplitude, scale = reals[at], reals[at + 1], reals[at + 2], reals[at + 3]
     bending_moments, at = _block(singles, 0, n, 6 * BENDING)
     triangles, at = _block(integers, 8, leaves, LEAF_TRIANGLES)
     patch_nodes, at = _block(integers, at, p, 2)
-    instances, at = _block(integers, at, h, 4)
+    instances, at = _block(integers, at, h, 5)
     tree = patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles
+    components = components.reshape(seas, waves, COMPONENT_COLUMNS)
     return tree, (instances, components, steps, residual, level, amplitude, scale)
