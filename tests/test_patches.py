@@ -139,6 +139,16 @@ def test_economised_jets_are_nearer_to_the_sea_than_taylor_s(sea):
     assert errors[1] < 0.7 * errors[0]
 
 
+def test_patches_are_round():
+    """Discs of their largest radius have together less than 2.4 times the area of a ball (hexagons
+    would have 1.2, halves of halves have 3)."""
+    ball = Hull.from_trimesh(trimesh.creation.icosphere(subdivisions=5, radius=0.5))
+    for radius in (0.4, 0.2, 0.1):
+        patches = build_tree(ball, radius, np.inf).patches
+        assert (patches[:, 3] <= radius).all()
+        assert len(patches) * radius**2 < 2.4 * 4.0 * 0.5**2
+
+
 def far_poses(count: int):
     """Poses anywhere within 50 m, at the surface, and within 100 s."""
     rng = np.random.default_rng(42)

@@ -31,6 +31,19 @@ the waterline, more make more open triangles that the waterline does not touch. 
 room for so many, so that loops over them have a fixed length and vectorise whole; a multiple of
 gerstner.LANES, at most 32."""
 
+APART = 1.1
+"""A triangle farther than so many radii from all seeds of patches becomes one itself."""
+
+LLOYD_ROUNDS, MORE_SEEDS = 15, 10
+"""How often seeds move, and how often there are more of them: beyond that little changes."""
+
+MOST_CLUSTERS = 64
+"""What needs more patches than that is halved before it is clustered, which takes a time as the
+number of triangles times that of clusters."""
+
+TINY = 1e-300
+"""Instead of areas that are 0, so that a cluster of such triangles has a middle."""
+
 MAX_TRIANGLES = 2_000_000
 """Splitting stops here: such a tree takes some gigabytes."""
 
@@ -169,6 +182,43 @@ def local_quadratic(x: float, y: float, z: float) -> Array:
     )
 
 
+def clusters(corners: Array, sizes: Array, radius: float) -> Integers:
+    """Which cluster each of the triangles (N, 3, 3) of areas (N,) belongs to; nearly all clusters
+    lie within a radius [m] of the middles of their areas.
+
+    Triangles farthest from all before become seeds (Gonzalez 1985); each cluster is what is next
+    to a seed, which moves to its middle, and again (Lloyd 1982): that makes clusters round and of
+    like size. Of those still too large the farthest triangle becomes a seed, too.
+    """
+    middles = corners.mean(axis=1)
+    seeds, apart = middles[:1], np.linalg.norm(middles - middles[0], axis=1)
+    while apart.max() > APART * radius:
+        seeds = np.vstack([seeds, middles[apart.argmax()]])
+        apart = np.minimum(apart, np.linalg.norm(middles - seeds[-1], axis=1))
+    for _ in range(MORE_SEEDS):
+        nearest, seeds = _lloyd(middles, sizes, seeds)
+        distances = np.linalg.norm(corners - seeds[nearest, None], axis=2).max(axis=1)
+        order = np.argsort(distances, kind="stable")
+        farthest = np.zeros(len(seeds), dtype=np.int64)
+        farthest[nearest[order]] = order  # the last one stays
+        large = (distances[farthest] > radius) & (np.bincount(nearest, minlength=len(seeds)) > 1)
+        if not large.any():
+            break
+        seeds = np.vstack([seeds, middles[farthest[large]]])
+    return nearest
+
+
+def _lloyd(points: Array, sizes: Array, seeds: Array) -> tuple[Integers, Array]:
+    """For each point (N, 3) the seed (K, 3) next to it, and the seeds moved to those points'
+    middles, LLOYD_ROUNDS times over."""
+    for _ in range(LLOYD_ROUNDS):
+        nearest = np.argmin(np.sum(seeds**2, axis=1) - 2.0 * points @ seeds.T, axis=1)
+        total = np.bincount(nearest, sizes, len(seeds))[:, None]
+        sums = [np.bincount(nearest, sizes * along, len(seeds)) for along in points.T]
+        seeds = np.where(total > 0.0, np.transpose(sums) / np.maximum(total, TINY), seeds)
+    return nearest, seeds
+
+
 class _Builder:
     """Grows the tree from the root; patches begin where a node's radius first suffices. What can be
     is computed for all triangles at once: there may be many thousand patches."""
@@ -179,7 +229,7 @@ class _Builder:
         self.middles = corners.mean(axis=1)
         a, b, c = np.moveaxis(corners, 1, 0)
         self.area_vectors = 0.5 * np.cross(b - a, c - a)
-        self.sizes = np.linalg.norm(self.area_vectors, axis=1)
+        self.sizes = np.maximum(np.linalg.norm(self.area_vectors, axis=1), TINY)
         self.shares = corner_shares(corners, self.area_vectors)
         self.points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         self.numbers = numbers.reshape(-1, 3)
@@ -221,12 +271,22 @@ class _Builder:
         if radius <= self.radius or len(chosen) == 1:
             yield chosen, centre, radius
             return
+        for part in self._parts(chosen):
+            yield from self._patches(part)
+
+    def _parts(self, chosen: Integers) -> list[Integers]:
+        """Triangles too many for a patch in clusters that may fit one, or, where that would be too
+        many or but one, in halves."""
+        sizes = self.sizes[chosen]
+        if sizes.sum() < MOST_CLUSTERS * np.pi * self.radius**2:
+            nearest = clusters(self.corners[chosen], sizes, self.radius)
+            if nearest.any():
+                return [chosen[nearest == cluster] for cluster in np.unique(nearest)]
         along = self._along(chosen)
         near = along < 0.5 * (along.min() + along.max())
         if near.all() or not near.any():
             near = np.arange(len(chosen)) < len(chosen) // 2
-        yield from self._patches(chosen[near])
-        yield from self._patches(chosen[~near])
+        return [chosen[near], chosen[~near]]
 
     def _along(self, chosen: Integers) -> Array:
         """Where triangles lie along the axis in which they spread most."""
