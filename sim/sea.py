@@ -261,6 +261,7 @@ class Sea:
         components[:, RISE_1] = amplitude * (2.0 * b1 - 4.0 * b3) / radius
         components[:, RISE_2] = amplitude * -8.0 * b2 / radius**2
         components[:, RISE_3] = amplitude * -48.0 * b3 / radius**3
+        components.setflags(write=False)  # as the sea's own, or kernels would be compiled for both
         return components
 
     def sample_places(self) -> tuple[Array, Array]:

@@ -77,18 +77,16 @@ def polynomials_of_patches(method: Patches, position, rotation, time: float) -> 
     return q
 
 
-def head_errors(method: Patches, position, rotation, time: float) -> np.ndarray:
-    """Errors [m] of the head at every vertex of every patch."""
+def largest_head_error(method: Patches, position, rotation, time: float) -> float:
+    """Largest error [m] of the heads at all vertices of all patches."""
     tree, sea = method.tree, method.sea
     q = polynomials_of_patches(method, position, rotation, time)
-    errors = []
-    for patch, (first, end) in enumerate(tree.patch_nodes):
-        numbers = tree.nodes[first:end, LEAF].astype(int)
-        places = np.moveaxis(tree.places[numbers[numbers >= 0]], 1, 2).reshape(-1, 3)
-        world = (tree.patches[patch, :3] + places) @ rotation.T + position
-        truth = sea.elevation(world[:, 0], world[:, 1], time) - world[:, 2]
-        errors.append(np.abs(monomials(places) @ q[patch, :MONOMIALS] - truth).max())
-    return np.array(errors)
+    leaves = np.flatnonzero(tree.nodes[:, LEAF] >= 0)  # in the order of their numbers
+    patch = np.searchsorted(tree.patch_nodes[:, 1], leaves, side="right")
+    places = np.moveaxis(tree.places, 1, 2)
+    heads = np.einsum("lvm,lm->lv", monomials(places), q[patch, :MONOMIALS])
+    x, y, z = np.moveaxis((tree.patches[patch, None, :3] + places) @ rotation.T + position, 2, 0)
+    return float(np.abs(heads - (sea.elevation(x, y, time) - z)).max())
 
 
 SEAS = {
@@ -110,7 +108,7 @@ def test_the_tolerance_is_a_promise(name, sea):
     area = np.linalg.norm(hull.area_vectors, axis=1).sum()
     implied = DENSITY * GRAVITY * tolerance * area
     for i, (position, rotation, time) in enumerate(far_poses(12)):
-        assert head_errors(method, position, rotation, time).max() < tolerance
+        assert largest_head_error(method, position, rotation, time) < tolerance
         if i < 2:
             wrench = method.wrench(position, rotation, time)
             truth = Reference(hull, sea, 1e-3).wrench(position, rotation, time)
@@ -124,7 +122,7 @@ def test_the_promise_holds_for_waves_a_tenth_of_the_hull(steepness):
     spindle.vertices *= [1.0, 0.15, 0.15]
     method = Patches(Hull.from_trimesh(spindle), crossing_waves(0.1, steepness), tolerance=0.04)
     for pose in far_poses(3):
-        assert head_errors(method, *pose).max() < 0.04
+        assert largest_head_error(method, *pose) < 0.04
 
 
 @pytest.mark.parametrize("sea", [three_waves(), forty_waves()], ids=["three", "forty"])
@@ -142,8 +140,8 @@ def test_economised_jets_are_nearer_to_the_sea_than_taylor_s(sea):
 def test_patches_are_round():
     """Discs of their largest radius have together less than 2.4 times the area of a ball (hexagons
     would have 1.2, halves of halves have 3)."""
-    ball = Hull.from_trimesh(trimesh.creation.icosphere(subdivisions=5, radius=0.5))
-    for radius in (0.4, 0.2, 0.1):
+    ball = Hull.from_trimesh(trimesh.creation.icosphere(subdivisions=4, radius=0.5))
+    for radius in (0.4, 0.2):
         patches = build_tree(ball, radius, np.inf).patches
         assert (patches[:, 3] <= radius).all()
         assert len(patches) * radius**2 < 2.4 * 4.0 * 0.5**2
@@ -273,8 +271,8 @@ def test_coarse_triangles_are_split_to_meet_the_tolerance():
     linear, patches = Linear(hull, sea), Patches(hull, sea, 1e-3)
     assert np.count_nonzero(patches.tree.triangles) > 500
     worst = [0.0, 0.0]
-    for pose in random_poses(20, seed=46):
-        truth = Reference(hull, sea, 1e-7).wrench(*pose)
+    for pose in random_poses(10, seed=46):
+        truth = Reference(hull, sea, 1e-6).wrench(*pose)
         for i, method in enumerate((linear, patches)):
             worst[i] = max(worst[i], relative_error(method.wrench(*pose), truth, hull))
     assert worst[1] < 2e-4

@@ -159,7 +159,7 @@ class Patches:
         hull -> world; time [s].
         """
         position = np.ascontiguousarray(position, dtype=float)
-        rotation = np.ascontiguousarray(rotation, dtype=float)
+        rotation = np.ascontiguousarray(rotation, dtype=float).reshape(9)
         return hull_wrench(*self._packed, position, rotation, float(time))
 
 
