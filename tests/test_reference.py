@@ -71,7 +71,7 @@ def test_upright_barge_in_a_long_crested_wave(steepness, length):
 def test_error_keeps_below_the_tolerance(name):
     mesh = BARGE if name == "cube" else meshes()[name]
     hull, sea = Hull.from_trimesh(mesh), three_waves(0.6)
-    for pose in random_poses(5, seed=21):
+    for pose in random_poses(3, seed=21):
         truth = Reference(hull, sea, 1e-11).wrench(*pose)
         for tolerance in (1e-4, 1e-6, 1e-8):
             found = Reference(hull, sea, tolerance).wrench(*pose)
@@ -81,7 +81,7 @@ def test_error_keeps_below_the_tolerance(name):
 def test_error_falls_with_the_third_power_of_the_work(monkeypatch):
     """Work is the number of pieces halved along the waterline: one over their size."""
     hull, sea = Hull.from_trimesh(BARGE), three_waves(0.3)
-    poses = random_poses(5, seed=22)
+    poses = random_poses(3, seed=22)
     truths = [Reference(hull, sea, 1e-12).wrench(*pose) for pose in poses]
     halved, pieces = reference._halved, []
 
@@ -106,7 +106,7 @@ def test_the_same_surface_meshed_differently_gives_the_same_wrench(name):
     once, sea, hull = mesh.subdivide(), three_waves(), Hull.from_trimesh(mesh)
     finer = (Hull.from_trimesh(m) for m in (once, once.subdivide()))
     references = [Reference(h, sea) for h in (hull, *finer)]
-    for pose in random_poses(3, seed=23):
+    for pose in random_poses(2, seed=23):
         wrenches = [reference.wrench(*pose) for reference in references]
         assert relative_error(wrenches[1], wrenches[0], hull) < 1e-8
         assert relative_error(wrenches[2], wrenches[0], hull) < 1e-8

@@ -158,9 +158,11 @@ class Patches:
         position: (3,) [m], the hull frame's origin in the world; rotation: (3, 3) or (9,),
         hull -> world; time [s].
         """
-        position = np.ascontiguousarray(position, dtype=float)
-        rotation = np.ascontiguousarray(rotation, dtype=float).reshape(9)
-        return hull_wrench(*self._packed, position, rotation, float(time))
+        positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
+        rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
+        out = np.zeros((1, 6))
+        fleet_wrenches(*self._packed, positions, rotations, float(time), out)
+        return out[0]
 
 
 class PatchFleet:
@@ -592,12 +594,3 @@ def fleet_wrenches(reals, singles, integers, positions, rotations, time, out):
     for i in range(instances.shape[0]):
         pose, row = instances[i, POSE], instances[i, ROW]
         add_turned(body[i], positions[pose], rotations[pose], scale, out[row])
-
-
-@kernel
-def hull_wrench(reals, singles, integers, position, rotation, time):
-    """Wrench (6,) of a fleet of one."""
-    out = np.zeros((1, 6))
-    positions, rotations = position.reshape(1, 3), rotation.reshape(1, 9)
-    fleet_wrenches(reals, singles, integers, positions, rotations, time, out)
-    return out[0]
