@@ -163,7 +163,7 @@ def errors(found: Array, truth: Array, method: Method) -> Errors:
 def time_in_turns(
     methods: Sequence[Method], poses: Sequence[Pose], seconds: float, most_rounds: int = 50
 ) -> Array:
-    """Seconds a wrench, (rounds, methods), each a mean over all poses.
+    """Seconds a wrench, (rounds, methods, poses).
 
     A round takes every method over all poses, IN_A_ROW times each, one method after the other;
     rounds go on for about so many seconds, at least FEWEST_ROUNDS of them. A first call compiles
@@ -171,14 +171,14 @@ def time_in_turns(
     """
     for method in methods:
         method.wrench(*poses[0])
-    rounds: list[list[float]] = []
+    rounds: list[list[list[float]]] = []
     begin = perf_counter()
     while len(rounds) < FEWEST_ROUNDS or (
         len(rounds) < most_rounds and perf_counter() - begin < seconds
     ):
         rounds.append([])
         for method in methods:
-            rounds[-1].append(sum(_fastest(method, pose) for pose in poses) / len(poses))
+            rounds[-1].append([_fastest(method, pose) for pose in poses])
     return np.array(rounds)
 
 

@@ -72,11 +72,11 @@ def test_errors_of_known_wrenches():
     assert (e.bias, e.bias_error) == pytest.approx((3.0, 9.0))
 
 
-def test_times_are_of_every_method_in_every_round():
+def test_times_are_of_every_method_and_pose_in_every_round():
     poses = waterline_poses(CUBE, SEAS["three"], 3)
     methods = [Linear(CUBE, SEAS["three"]), Chord(CUBE, SEAS["three"])]
     seconds = time_in_turns(methods, poses, seconds=1e-9)
-    assert seconds.shape == (3, 2)
+    assert seconds.shape == (3, 2, 3)
     assert (seconds > 0.0).all()
 
 
