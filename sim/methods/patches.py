@@ -377,6 +377,12 @@ def head_and_slope(q, x, y, z):
     return head, gx, gy, gz
 
 
+@njit(inline="always")
+def middle_and_sides(nodes, i):
+    """Of a node's box."""
+    return nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3], nodes[i, 4], nodes[i, 5]
+
+
 @kernel
 def walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened):
     """Walk the trees of the chosen patches: (node, place in `chosen`) of the surely wet nodes and
@@ -390,40 +396,43 @@ def walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened):
         bend = q[BOUND_2] + (3.0 * 1.1 + 2.1) * patches[patch, 3] * q[BOUND_3]
         node, end = patch_nodes[patch, 0], patch_nodes[patch, 1]
         while node < end:
-            box = nodes[node]
-            u, v, w = box[3], box[4], box[5]
-            head, gx, gy, gz = head_and_slope(q, box[0], box[1], box[2])
+            x, y, z, u, v, w = middle_and_sides(nodes, node)
+            head, gx, gy, gz = head_and_slope(q, x, y, z)
             slack = abs(gx) * u + abs(gy) * v + abs(gz) * w + bend * (u * u + v * v + w * w)
             if head <= -slack:
-                node = int(box[AFTER])
+                node = int(nodes[node, AFTER])
             elif head >= slack:
                 wet[wet_count, 0], wet[wet_count, 1] = node, i
                 wet_count += 1
-                node = int(box[AFTER])
+                node = int(nodes[node, AFTER])
             else:
-                if box[LEAF] >= 0.0:
-                    opened[opened_count, 0], opened[opened_count, 1] = int(box[LEAF]), i
+                if nodes[node, LEAF] >= 0.0:
+                    opened[opened_count, 0], opened[opened_count, 1] = int(nodes[node, LEAF]), i
                     opened_count += 1
                 node += 1
     return wet_count, opened_count
 
 
 @njit(inline="always")
-def add_products(factors, first, count, row, column, body):
-    """Add the products of a (6, count) block of a row, from a column on, with a vector's part."""
+def add_products(factors, first, count, rows, n, column, body, at):
+    """Add the products of a (6, count) block of row n, from a column on, with a vector's part to
+    the sums of an instance."""
     b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # in registers, unlike body
     for i in range(count):
         f, j = factors[first + i], column + i
-        b0, b1, b2 = b0 + f * row[j], b1 + f * row[j + count], b2 + f * row[j + 2 * count]
-        j += 3 * count
-        b3, b4, b5 = b3 + f * row[j], b4 + f * row[j + count], b5 + f * row[j + 2 * count]
-    add_six(body, b0, b1, b2, b3, b4, b5)
+        b0 += f * rows[n, j]
+        b1 += f * rows[n, j + count]
+        b2 += f * rows[n, j + 2 * count]
+        b3 += f * rows[n, j + 3 * count]
+        b4 += f * rows[n, j + 4 * count]
+        b5 += f * rows[n, j + 5 * count]
+    add_six(body, at, b0, b1, b2, b3, b4, b5)
 
 
 @njit(inline="always")
-def add_six(body, b0, b1, b2, b3, b4, b5):
-    body[0], body[1], body[2] = body[0] + b0, body[1] + b1, body[2] + b2
-    body[3], body[4], body[5] = body[3] + b3, body[4] + b4, body[5] + b5
+def add_six(body, i, b0, b1, b2, b3, b4, b5):
+    body[i, 0], body[i, 1], body[i, 2] = body[i, 0] + b0, body[i, 1] + b1, body[i, 2] + b2
+    body[i, 3], body[i, 4], body[i, 5] = body[i, 3] + b3, body[i, 4] + b4, body[i, 5] + b5
 
 
 @summing_kernel
@@ -431,60 +440,84 @@ def add_wet_nodes(wet, linear_moments, bending_moments, chosen, polynomials, bod
     """Add the moments of the surely wet nodes to their instances' sums body (H, 6)."""
     for n in range(wet.shape[0]):
         node, i = wet[n, 0], wet[n, 1]
-        q, total = polynomials[i], body[chosen[i, 1]]
-        add_products(q, 0, LINEAR, linear_moments[node], 0, total)
-        add_products(q, LINEAR, BENDING, bending_moments[node], 0, total)
+        q, at = polynomials[i], chosen[i, 1]
+        add_products(q, 0, LINEAR, linear_moments, node, 0, body, at)
+        add_products(q, LINEAR, BENDING, bending_moments, node, 0, body, at)
+
+
+# What follows takes arrays and rows in them, not views of the rows: each view is counted as a
+# reference, and where a loop branches the compiler does not see that it need not be.
 
 
 @njit(inline="always")
-def bend_at(q, x, y, z, factor, bend):
-    """The six quadratic coefficients around a place, times a factor."""
-    bend[0] = factor * (q[4] + 3.0 * x * q[10] + y * q[11] + z * q[12])
-    bend[1] = factor * (q[5] + 2.0 * x * q[11] + 2.0 * y * q[13] + z * q[14])
-    bend[2] = factor * (q[6] + 2.0 * x * q[12] + y * q[14] + 2.0 * z * q[15])
-    bend[3] = factor * (q[7] + x * q[13] + 3.0 * y * q[16] + z * q[17])
-    bend[4] = factor * (q[8] + x * q[14] + 2.0 * y * q[17] + 2.0 * z * q[18])
-    bend[5] = factor * (q[9] + x * q[15] + y * q[18] + 3.0 * z * q[19])
+def bend_at(polynomials, i, records, leaf, factor, bend):
+    """The six quadratic coefficients of a polynomial around a leaf's middle, times a factor."""
+    x, y, z = records[leaf, MIDDLE], records[leaf, MIDDLE + 1], records[leaf, MIDDLE + 2]
+    q10, q11, q12, q13, q14 = coefficients(polynomials, i, 10)
+    q15, q16, q17, q18, q19 = coefficients(polynomials, i, 15)
+    bend[0] = factor * (polynomials[i, 4] + 3.0 * x * q10 + y * q11 + z * q12)
+    bend[1] = factor * (polynomials[i, 5] + 2.0 * x * q11 + 2.0 * y * q13 + z * q14)
+    bend[2] = factor * (polynomials[i, 6] + 2.0 * x * q12 + y * q14 + 2.0 * z * q15)
+    bend[3] = factor * (polynomials[i, 7] + x * q13 + 3.0 * y * q16 + z * q17)
+    bend[4] = factor * (polynomials[i, 8] + x * q14 + 2.0 * y * q17 + 2.0 * z * q18)
+    bend[5] = factor * (polynomials[i, 9] + x * q15 + y * q18 + 3.0 * z * q19)
 
 
-@kernel
-def leaf_heads(q, places, heads):
-    """Heads (LEAF_VERTICES,) [m] of a leaf's vertices, from the polynomial."""
-    for i in range(LEAF_VERTICES):
-        x, y, z = places[i], places[LEAF_VERTICES + i], places[2 * LEAF_VERTICES + i]
-        heads[i] = (
-            q[0]
-            + x * (q[1] + x * (q[4] + x * q[10] + y * q[11] + z * q[12])
-                   + y * (q[5] + y * q[13] + z * q[14]) + z * (q[6] + z * q[15]))
-            + y * (q[2] + y * (q[7] + y * q[16] + z * q[17]) + z * (q[8] + z * q[18]))
-            + z * (q[3] + z * (q[9] + z * q[19]))
+@njit(inline="always")
+def coefficients(polynomials, i, j):
+    """Five coefficients of polynomial i from number j on."""
+    return (
+        polynomials[i, j], polynomials[i, j + 1], polynomials[i, j + 2], polynomials[i, j + 3],
+        polynomials[i, j + 4],
+    )  # fmt: skip
+
+
+@njit(inline="always")
+def leaf_heads(polynomials, i, records, leaf, heads, n):
+    """Heads [m] of a leaf's vertices, from a polynomial, into row n."""
+    q0, q1, q2, q3, q4 = coefficients(polynomials, i, 0)
+    q5, q6, q7, q8, q9 = coefficients(polynomials, i, 5)
+    q10, q11, q12, q13, q14 = coefficients(polynomials, i, 10)
+    q15, q16, q17, q18, q19 = coefficients(polynomials, i, 15)
+    for v in range(LEAF_VERTICES):
+        x, y = records[leaf, v], records[leaf, LEAF_VERTICES + v]
+        z = records[leaf, 2 * LEAF_VERTICES + v]
+        heads[n, v] = (
+            q0
+            + x * (q1 + x * (q4 + x * q10 + y * q11 + z * q12)
+                   + y * (q5 + y * q13 + z * q14) + z * (q6 + z * q15))
+            + y * (q2 + y * (q7 + y * q16 + z * q17) + z * (q8 + z * q18))
+            + z * (q3 + z * (q9 + z * q19))
         )  # fmt: skip
 
 
 @njit(inline="always")
-def wet_vertices(heads):
-    """The set of wet vertices as bits."""
+def wet_vertices(heads, n):
+    """The set of wet vertices in row n as bits."""
     wet = 0
-    for i in range(LEAF_VERTICES):
-        wet |= (1 if heads[i] > 0.0 else 0) << i
+    for v in range(LEAF_VERTICES):
+        wet |= (1 if heads[n, v] > 0.0 else 0) << v
     return wet
 
 
 @njit(inline="always")
-def add_wet_vertices(heads, record, body):
-    """Add the sum over a leaf's wet vertices, and return which share of the leaf is wet: the sum of
-    the heads above 0 over that of all heads' sizes, 0 for a dry leaf, 1 for a wet one, and
-    continuous in between."""
+def add_wet_vertices(heads, n, records, leaf, body, at):
+    """Add the sum over a leaf's wet vertices to an instance's sums, and return which share of the
+    leaf is wet: the sum of the heads above 0 over that of all heads' sizes, 0 for a dry leaf, 1
+    for a wet one, and continuous in between."""
     b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    wet, total, n = 0.0, 0.0, LEAF_VERTICES
-    for i in range(LEAF_VERTICES):
-        head, j = max(heads[i], 0.0), WEIGHTS + i
+    wet, total = 0.0, 0.0
+    for v in range(LEAF_VERTICES):
+        head, j = max(heads[n, v], 0.0), WEIGHTS + v
         wet += head
-        total += abs(heads[i])
-        b0, b1, b2 = b0 + head * record[j], b1 + head * record[j + n], b2 + head * record[j + 2 * n]
-        j += 3 * n
-        b3, b4, b5 = b3 + head * record[j], b4 + head * record[j + n], b5 + head * record[j + 2 * n]
-    add_six(body, b0, b1, b2, b3, b4, b5)
+        total += abs(heads[n, v])
+        b0 += head * records[leaf, j]
+        b1 += head * records[leaf, j + LEAF_VERTICES]
+        b2 += head * records[leaf, j + 2 * LEAF_VERTICES]
+        b3 += head * records[leaf, j + 3 * LEAF_VERTICES]
+        b4 += head * records[leaf, j + 4 * LEAF_VERTICES]
+        b5 += head * records[leaf, j + 5 * LEAF_VERTICES]
+    add_six(body, at, b0, b1, b2, b3, b4, b5)
     return wet / total
 
 
@@ -499,14 +532,14 @@ def add_opened_leaves(opened, records, triangles, chosen, polynomials, heads, cu
     bend = np.zeros(QUADRATICS)
     for n in range(opened.shape[0]):
         leaf, i = opened[n, 0], opened[n, 1]
-        q, total, record = polynomials[i], body[chosen[i, 1]], records[leaf]
-        leaf_heads(q, record, heads[n])
-        wet = wet_vertices(heads[n])
+        at = chosen[i, 1]
+        leaf_heads(polynomials, i, records, leaf, heads, n)
+        wet = wet_vertices(heads, n)
         if wet == 0:
             continue
-        share = add_wet_vertices(heads[n], record, total)
-        bend_at(q, record[MIDDLE], record[MIDDLE + 1], record[MIDDLE + 2], share, bend)
-        add_products(bend, 0, QUADRATICS, record, BENDS, total)
+        share = add_wet_vertices(heads, n, records, leaf, body, at)
+        bend_at(polynomials, i, records, leaf, share, bend)
+        add_products(bend, 0, QUADRATICS, records, leaf, BENDS, body, at)
         for t in range(LEAF_TRIANGLES):
             cut[count, 0], cut[count, 1] = triangles[leaf, t], n
             corners = triangles[leaf, t] >> CORNER_SET
@@ -521,7 +554,7 @@ def subtract_dry_parts(cut, opened, records, heads, patches, chosen, body):
     for n in range(cut.shape[0]):
         code, at = cut[n, 0], cut[n, 1]
         head, d, i = heads[at], records[opened[at, 0]], opened[at, 1]
-        patch, total = patches[chosen[i, 0]], body[chosen[i, 1]]
+        patch = patches[chosen[i, 0]]
         wet_a = head[code & CORNER] > 0.0
         wet_b = head[code >> CORNER_BITS & CORNER] > 0.0
         wet_c = head[code >> 2 * CORNER_BITS & CORNER] > 0.0
@@ -540,7 +573,7 @@ def subtract_dry_parts(cut, opened, records, heads, patches, chosen, body):
         )  # fmt: skip
         tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
         add_six(
-            total, -0.5 * share * sx, -0.5 * share * sy, -0.5 * share * sz,
+            body, chosen[i, 1], -0.5 * share * sx, -0.5 * share * sy, -0.5 * share * sz,
             -0.5 * tx, -0.5 * ty, -0.5 * tz,
         )  # fmt: skip
 
