@@ -377,6 +377,10 @@ def head_and_slope(q, x, y, z):
     return head, gx, gy, gz
 
 
+# What loops that branch call takes arrays and rows in them, not views of rows: a view is counted as
+# a reference, and there the compiler does not see that it need not be.
+
+
 @njit(inline="always")
 def middle_and_sides(nodes, i):
     """Of a node's box."""
@@ -443,10 +447,6 @@ def add_wet_nodes(wet, linear_moments, bending_moments, chosen, polynomials, bod
         q, at = polynomials[i], chosen[i, 1]
         add_products(q, 0, LINEAR, linear_moments, node, 0, body, at)
         add_products(q, LINEAR, BENDING, bending_moments, node, 0, body, at)
-
-
-# What follows takes arrays and rows in them, not views of the rows: each view is counted as a
-# reference, and where a loop branches the compiler does not see that it need not be.
 
 
 @njit(inline="always")
