@@ -125,6 +125,16 @@ def test_the_promise_holds_for_waves_a_tenth_of_the_hull(steepness):
         assert largest_head_error(method, *pose) < 0.04
 
 
+def test_the_promise_holds_where_a_short_wave_is_as_high_as_the_tolerance():
+    """Such a wave may be left out over a large patch, but not half of it over a smaller one."""
+    sea = Sea([Wave(0.1, 13.0, 0.4), Wave(0.02, 0.4, 0.9, 1.0)])
+    for name in ("torus", "icosphere"):
+        for tolerance in (0.01, 0.025, 0.035, 0.05):
+            method = Patches(Hull.from_trimesh(meshes()[name]), sea, tolerance)
+            for pose in far_poses(3):
+                assert largest_head_error(method, *pose) < tolerance
+
+
 @pytest.mark.parametrize("sea", [three_waves(), forty_waves()], ids=["three", "forty"])
 def test_economised_jets_are_nearer_to_the_sea_than_taylor_s(sea):
     radius = 0.2

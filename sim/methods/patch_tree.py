@@ -182,6 +182,13 @@ def local_quadratic(x: float, y: float, z: float) -> Array:
     )
 
 
+def enclosing_ball(corners: Array, sizes: Array) -> tuple[Array, float]:
+    """Centre (3,) and radius [m] of a ball around triangles (N, 3, 3) of areas (N,). The centre is
+    the middle of the area, not of the bounds: there the jet's errors cancel best."""
+    centre = sizes @ corners.mean(axis=1) / sizes.sum()
+    return centre, float(np.linalg.norm(corners - centre, axis=2).max())
+
+
 def clusters(corners: Array, sizes: Array, radius: float) -> Integers:
     """Which cluster each of the triangles (N, 3, 3) of areas (N,) belongs to; nearly all clusters
     lie within a radius [m] of the middles of their areas.
@@ -264,10 +271,7 @@ class _Builder:
 
     def _patches(self, chosen: Integers) -> Iterator[tuple[Integers, Array, float]]:
         """Divide triangles until they fit a patch: its triangles, centre and radius."""
-        points = self.corners[chosen].reshape(-1, 3)
-        # the middle of the area, not of the bounds: there the jet's errors cancel best
-        centre = self.sizes[chosen] @ self.middles[chosen] / self.sizes[chosen].sum()
-        radius = float(np.linalg.norm(points - centre, axis=1).max())
+        centre, radius = enclosing_ball(self.corners[chosen], self.sizes[chosen])
         if radius <= self.radius or len(chosen) == 1:
             yield chosen, centre, radius
             return

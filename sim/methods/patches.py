@@ -71,6 +71,7 @@ from sim.methods.patch_tree import (
     QUADRATICS,
     WEIGHTS,
     build_tree,
+    enclosing_ball,
     joined,
     packed,
     unpacked,
@@ -85,10 +86,10 @@ DEFAULT_TOLERANCE = 1.0 / 250.0
 1e-4 of the weight of the displaced water, half of what linear has on a mesh of 4000 triangles."""
 
 DISC = 0.65
-"""Jets are economised over a disc of so many radii of the largest patch: seen from above, most of a
-patch is near its middle. The wrench's errors were smallest so, among 0.4 to 1.1."""
+"""Jets are economised over a disc of so many radii of the largest patch allowed: seen from above,
+most of a patch is near its middle. The wrench's errors were smallest so, among 0.4 to 1.1."""
 
-DIRECTIONS, RINGS = 8, (0.0, 0.5, 1.0)
+DIRECTIONS, RINGS = 8, (0.25, 0.5, 0.75, 1.0)
 """Directions and distances, in radii, in which jets are tried on the samples of the sea."""
 
 RADII = 20
@@ -128,9 +129,8 @@ class Patches:
     """
 
     def __init__(self, hull: Hull, sea: Sea, tolerance: float | None = None) -> None:
-        sides = np.ptp(hull.bounds, axis=0)
         if tolerance is None:
-            tolerance = DEFAULT_TOLERANCE * float(sides.max())
+            tolerance = DEFAULT_TOLERANCE * float(np.ptp(hull.bounds, axis=0).max())
         if not (np.isfinite(tolerance) and tolerance > 0):
             raise ValueError(
                 f"the tolerance is {tolerance} m of water height; it must be finite and above 0"
@@ -138,7 +138,9 @@ class Patches:
         self.hull = hull
         self.sea = sea
         self.tolerance = float(tolerance)
-        self.radius = patch_radius(sea, self.tolerance, largest=float(np.linalg.norm(sides)))
+        corners, sizes = hull.vertices[hull.faces], np.linalg.norm(hull.area_vectors, axis=1)
+        _, largest = enclosing_ball(corners, sizes)
+        self.radius = patch_radius(sea, self.tolerance, largest)
         self.tree = build_tree(hull, self.radius, longest_edge(sea, self.tolerance))
         self._packed = PatchFleet([self], [0], [0]).packed
 
@@ -149,8 +151,9 @@ class Patches:
 
     @property
     def components(self) -> Array:
-        """The sea's components that this hull's jets are made of."""
-        return self.sea.economised(DISC * self.jet_reach)
+        """The sea's components that this hull's jets are made of: those that the radius was found
+        with. Over smaller discs the error may be larger, where a wave is shorter than a patch."""
+        return self.sea.economised(DISC * self.radius)
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
         """Force [N] and torque [N m] about the position, world axes: (6,).
