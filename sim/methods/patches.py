@@ -83,7 +83,7 @@ Array = NDArray[np.float64]
 
 DEFAULT_TOLERANCE = 1.0 / 250.0
 """Of the hull's longest side. Errors of patches cancel: this much water height leaves less than
-1e-4 of the weight of the displaced water, half of what linear has on a mesh of 4000 triangles."""
+5e-5 of the weight of the displaced water, a third of what linear has on 4000 triangles."""
 
 DISC = 0.65
 """Jets are economised over a disc of so many radii of the largest patch allowed: seen from above,
