@@ -76,6 +76,10 @@ CACHE_LINE = 64
 # needs of it is one line of the cache.
 AFTER, LEAF = 6, 7
 
+# Columns of a fleet's instances: the patches' first and end, the rows of the pose and of the
+# wrench, and the tree that it is an instance of.
+FIRST, END, POSE, ROW, TREE = range(5)
+
 
 @dataclass(frozen=True)
 class PatchTree:
@@ -372,7 +376,8 @@ def packed(
     """All that a step needs of a tree, its instances (H, 5) and their seas' components (., W, .)
     in three arrays: each argument handed to a kernel costs a tenth of a microsecond."""
     counts = [len(a) for a in (tree.patches, tree.nodes, tree.places, instances)]
-    counts += [*components.shape[:2], steps, 0]
+    patches = np.sum(instances[:, END] - instances[:, FIRST])
+    counts += [*components.shape[:2], steps, patches]
     setting = np.array([residual, level, amplitude, scale])
     moments = tree.linear_moments
     reals = (tree.nodes, moments, tree.leaf_records(), tree.patches, components, setting)
@@ -404,9 +409,10 @@ def _block(array, start, rows, columns):
 @njit(inline="always")
 def unpacked(reals, singles, integers):
     """From the arrays of `packed` those of PatchTree, a row for each patch, node or leaf, and then
-    instances, components, Newton steps, residual, level, amplitude and scale."""
+    instances, components, Newton steps, how many patches the instances have together, residual,
+    level, amplitude and scale."""
     p, n, leaves = integers[0], integers[1], integers[2]
-    h, seas, waves, steps = integers[3], integers[4], integers[5], integers[6]
+    h, seas, waves, steps, most = integers[3], integers[4], integers[5], integers[6], integers[7]
     nodes, at = _block(reals, 0, n, 8)
     linear_moments, at = _block(reals, at, n, 6 * LINEAR)
     records, at = _block(reals, at, leaves, RECORD)
@@ -419,4 +425,4 @@ def unpacked(reals, singles, integers):
     instances, at = _block(integers, at, h, 5)
     tree = patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles
     components = components.reshape(seas, waves, COMPONENT_COLUMNS)
-    return tree, (instances, components, steps, residual, level, amplitude, scale)
+    return tree, (instances, components, steps, most, residual, level, amplitude, scale)

@@ -62,13 +62,18 @@ from sim.methods.patch_tree import (
     CORNER,
     CORNER_BITS,
     CORNER_SET,
+    END,
+    FIRST,
     LEAF,
     LEAF_TRIANGLES,
     LEAF_VERTICES,
     LINEAR,
     MIDDLE,
     MONOMIALS,
+    POSE,
     QUADRATICS,
+    ROW,
+    TREE,
     WEIGHTS,
     build_tree,
     enclosing_ball,
@@ -106,10 +111,6 @@ ends early, and patches are by that much smaller."""
 PARTS_A_THREAD = 3
 """Parts into which a fleet is cut for each thread: the more, the less one waits for another in the
 end, but each part costs a few microseconds."""
-
-# Columns of a fleet's instances: the patches' first and end, the rows of the pose and of the
-# wrench, and the tree that it is an instance of.
-FIRST, END, POSE, ROW, TREE = range(5)
 
 # What a polynomial has behind its coefficients: bounds on its second and third order terms over
 # the second and third power of the distance.
@@ -598,8 +599,7 @@ def fleet_wrenches(reals, singles, integers, positions, rotations, time, out):
     """Add the wrenches of all instances of a packed fleet to out (., 6)."""
     tree, setting = unpacked(reals, singles, integers)
     patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles = tree
-    instances, components, steps, residual, level, amplitude, scale = setting
-    most = np.sum(instances[:, END] - instances[:, FIRST])
+    instances, components, steps, most, residual, level, amplitude, scale = setting
     places, chosen = np.empty((3, most + 1)), np.empty((most + 1, 3), np.int64)
     active, most_nodes = reachable_patches(
         patches, patch_nodes, instances, level, amplitude, positions, rotations, places, chosen
