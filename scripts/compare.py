@@ -39,7 +39,7 @@ from command_line import (
 import numpy as np
 
 from sim import DivergenceError, Sample, Scene, SideBySideRecorder, simulate
-from sim.accuracy import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
+from sim.measure.accuracy import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
 
 QUANTITIES = {"height_m": 1e3, "tilt_deg": 1.0}
 """What is averaged, and what turns its differences into the mm and degrees that are printed."""

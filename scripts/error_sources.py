@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 
 from sim import Buoyancy, Chord, Hull, Linear, Reference, Scene, Sea, simulate
-from sim.accuracy import SEAS, Customary, Pose, errors, steepened, waterline_poses, wrenches
+from sim.measure.accuracy import SEAS, Customary, Pose, errors, steepened, waterline_poses, wrenches
 from sim.methods import Method
 
 SCENE = Path(__file__).resolve().parents[1] / "models" / "bunny.xml"

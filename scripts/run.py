@@ -31,7 +31,7 @@ from command_line import (
 )
 
 from sim import DivergenceError, Recorder, Scene, Tally, simulate
-from sim.simulation import observe
+from sim.coupling.simulation import observe
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:

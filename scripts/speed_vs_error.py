@@ -35,7 +35,7 @@ import trimesh
 from error_sources import error_sources, print_sources
 
 from sim import Hull, Reference, Sea
-from sim.accuracy import SEAS, Pose, errors, time_in_turns, waterline_poses, wrenches
+from sim.measure.accuracy import SEAS, Pose, errors, time_in_turns, waterline_poses, wrenches
 from sim.methods import make_method
 
 MESHES = Path(__file__).resolve().parents[1] / "models" / "meshes"

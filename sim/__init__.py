@@ -1,38 +1,41 @@
 """Waterline: mesh buoyancy on Gerstner waves for MuJoCo.
 
-The layers, from the bottom up; imports point only downwards in this list:
+The rooms of the house. Each imports only from lines below its own (`tests/test_layers.py`
+reads this map and keeps it so):
 
-    gerstner     kernels: sums of Gerstner waves and their inverse
-    spectrum     the JONSWAP spectrum of irregular seas
-    sea          Wave, Sea: elevation, its derivatives, the water's velocity
-    hull         Hull: a closed, outward triangle surface, checked once
-    triangle     kernels: hydrostatic wrench of a triangle, the straight clip
-    methods/     ways to turn (hull, sea, pose, time) into a wrench, all called alike
-    drag         drag and added mass of a hull
-    implicit     the linearly implicit step of bodies that have them
-    mjcf         a model's custom fields and geoms -> sea and hulls; every refusal about a model
-    coupling     Buoyancy: the callback that writes xfrc_applied
-    scene        Scene: an MJCF file as something that can be stepped
-    divergence   a state that cannot be, and which of the usual causes fits
-    simulation   simulate: the stepping loop, yields Samples
-    waterline    where sea and hull meet, as curves to be drawn
-    skin         the hulls' surfaces as they are drawn
-    recording    Recorder: Samples -> a Rerun recording
-    accuracy     errors and timings of methods, means of correlated series
+    drawing/, measure/        recordings for Rerun; errors and timings, statistics, hard cases
+    coupling/                 MuJoCo: an MJCF file as a scene, the callback, the stepping loop
+    methods/, resistance/     (hull, sea, pose, time) -> wrench of the water; drag, added mass
+    hull, triangle, water/    closed surfaces; the wrench of one triangle; waves and pressure
+    geometry                  areas, volumes, rotations of triangles and bodies
+    kernels                   how kernels are compiled, and the blocks of tables they read
 
-Nothing below mjcf knows MuJoCo and nothing but recording knows Rerun.
+Nothing below coupling knows MuJoCo, and only drawing knows Rerun, which is loaded when it is first
+asked for.
 """
 
-from sim.coupling import Buoyancy
-from sim.divergence import DivergenceError
-from sim.drag import Drag, DragCoefficients
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from sim.coupling.buoyancy import Buoyancy
+from sim.coupling.divergence import DivergenceError
+from sim.coupling.scene import Scene
+from sim.coupling.simulation import Sample, Tally, simulate
 from sim.hull import Hull
 from sim.methods import Chord, Linear, Patches, Reference
-from sim.recording import Recorder, SideBySideRecorder
-from sim.scene import Scene
-from sim.sea import Sea, Wave
-from sim.simulation import Sample, Tally, simulate
+from sim.resistance.drag import Drag, DragCoefficients
 from sim.triangle import wet_triangles_wrench
+from sim.water.sea import Sea
+from sim.water.wave import Wave
+
+if TYPE_CHECKING:
+    from sim.drawing.recorder import Recorder, SideBySideRecorder
+
+_LATER = {
+    "Recorder": "sim.drawing.recorder",
+    "SideBySideRecorder": "sim.drawing.recorder",
+}
+"""Public names whose modules are loaded when they are first asked for."""
 
 __all__ = [
     "Buoyancy",
@@ -54,3 +57,9 @@ __all__ = [
     "simulate",
     "wet_triangles_wrench",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module 'sim' has no attribute '{name}'")
+    return getattr(import_module(_LATER[name]), name)

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim.geometry import area_vectors, areas, cone_centroid, cone_volumes
+
 Array = NDArray[np.float64]
 
 NO_VOLUME = 1e-14
@@ -43,13 +45,15 @@ class Hull:
         vertices, faces = _merged(vertices, faces)
         _check_edges(faces)
         faces = _turned_outward(vertices, faces)
-        centroid = _centroid(vertices, faces)
+        middle = _middle(vertices)
+        corners = (vertices - middle)[faces]
+        volumes = cone_volumes(corners)
         values = {
             "vertices": vertices,
             "faces": faces,
-            "area_vectors": _area_vectors(vertices, faces),
-            "volume": float(_cone_volumes(vertices, faces).sum()),
-            "centroid": centroid,
+            "area_vectors": area_vectors(vertices[faces]),
+            "volume": float(volumes.sum()),
+            "centroid": middle + cone_centroid(corners, volumes),
             "bounds": np.array([vertices.min(axis=0), vertices.max(axis=0)]),
         }
         for name, value in values.items():
@@ -141,23 +145,9 @@ def _check_edges(faces: NDArray[np.int64]) -> None:
         )
 
 
-def _cone_volumes(vertices: Array, faces: NDArray[np.int64]) -> Array:
-    """Signed volumes (F,) [m^3] of the cones from the middle of the bounds to the faces."""
-    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-    a, b, c = np.moveaxis((vertices - middle)[faces], 1, 0)
-    return np.einsum("fi,fi->f", a, np.cross(b, c)) / 6.0
-
-
-def _area_vectors(vertices: Array, faces: NDArray[np.int64]) -> Array:
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    return 0.5 * np.cross(b - a, c - a)
-
-
-def _centroid(vertices: Array, faces: NDArray[np.int64]) -> Array:
-    volumes = _cone_volumes(vertices, faces)
-    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-    tips = (vertices - middle)[faces].sum(axis=1) / 4.0
-    return middle + volumes @ tips / volumes.sum()
+def _middle(vertices: Array) -> Array:
+    """Middle (3,) of the bounds: cones from there lose little to round-off."""
+    return 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
 
 
 def _parts(faces: NDArray[np.int64], vertex_count: int) -> NDArray[np.int64]:
@@ -174,9 +164,9 @@ def _parts(faces: NDArray[np.int64], vertex_count: int) -> NDArray[np.int64]:
 
 
 def _turned_outward(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    volumes = _cone_volumes(vertices, faces)
+    volumes = cone_volumes((vertices - _middle(vertices))[faces])
     diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
-    area = np.linalg.norm(_area_vectors(vertices, faces), axis=1)
+    area = areas(vertices[faces])
     names, part = np.unique(_parts(faces, len(vertices)), return_inverse=True)
     volume = np.bincount(part, weights=volumes)
     flat = int(np.count_nonzero(np.abs(volume) <= NO_VOLUME * diagonal * np.bincount(part, area)))

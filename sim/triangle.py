@@ -11,23 +11,17 @@ with the torque about the origin of a, b, c. Kernels return F and T divided by
 """
 
 import numpy as np
-from numba import njit
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike, NDArray
 
-from sim.gerstner import kernel
-
-
-@njit(inline="always")
-def cross(ax, ay, az, bx, by, bz):
-    """a x b."""
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+from sim.geometry import cross
+from sim.kernels import inline, kernel
 
 
 @kernel
-def sum_wet(corners, heads, out):
-    """Add up whole triangles: corners (N, 3, 3), heads (N, 3); out (6,) over - density gravity."""
-    out[:] = 0.0
+def sum_wet(corners, heads, sums_out):
+    """Sums (6,) of whole triangles over - density gravity: corners (N, 3, 3), heads (N, 3)."""
+    sums_out[:] = 0.0
     for i in range(corners.shape[0]):
         a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
         ea, eb, ec = heads[i, 0], heads[i, 1], heads[i, 2]
@@ -46,12 +40,12 @@ def sum_wet(corners, heads, out):
             sz,
         )
         mean = total / 3.0
-        out[0] += mean * sx
-        out[1] += mean * sy
-        out[2] += mean * sz
-        out[3] += tx
-        out[4] += ty
-        out[5] += tz
+        sums_out[0] += mean * sx
+        sums_out[1] += mean * sy
+        sums_out[2] += mean * sz
+        sums_out[3] += tx
+        sums_out[4] += ty
+        sums_out[5] += tz
 
 
 def wet_triangles_wrench(
@@ -133,7 +127,7 @@ def clipped(corners, heads):
     return wet_corners, wet_heads
 
 
-@njit(inline="always")
+@inline
 def clip_dry_part(ax, ay, az, bx, by, bz, cx, cy, cz, ea, eb, ec):
     """What a straight clip takes from the corner sums of a triangle that the water cuts.
 

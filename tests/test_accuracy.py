@@ -10,7 +10,7 @@ import trimesh
 
 from independent import REPOSITORY, ROUND_OFF, load_mesh, status_of, three_waves
 from sim import Chord, Hull, Linear, Reference, Sea
-from sim.accuracy import (
+from sim.measure.accuracy import (
     SEAS,
     Customary,
     errors,

@@ -3,6 +3,7 @@
 import gc
 import threading
 import weakref
+from time import monotonic, sleep
 
 import mujoco
 import numpy as np
@@ -280,7 +281,7 @@ def raft(custom: str = "") -> mujoco.MjModel:
 
 
 def helpers() -> int:
-    return sum(thread.name == "waterline" for thread in threading.enumerate())
+    return sum(thread.name.startswith("waterline") for thread in threading.enumerate())
 
 
 def test_threads_change_no_bit():
@@ -290,24 +291,30 @@ def test_threads_change_no_bit():
         data, buoyancy = started(compiled), Buoyancy.from_model(compiled, threads=threads)
         with buoyancy.installed():
             mujoco.mj_step(compiled, data, nstep=200)
-        assert helpers() == threads - 1
+        assert min(threads - 1, 1) <= helpers() <= threads - 1
         runs[threads] = np.concatenate([data.qpos, data.qvel])
+        del buoyancy
+        no_helpers_are_left()
     np.testing.assert_array_equal(runs[2], runs[1])
     np.testing.assert_array_equal(runs[5], runs[1])
 
 
+def no_helpers_are_left() -> None:
+    gc.collect()
+    deadline = monotonic() + 30.0
+    while helpers():
+        assert monotonic() < deadline
+        sleep(0.01)
+
+
 def test_threads_are_no_more_than_parts_and_end_with_the_buoyancy():
-    asked = '<numeric name="buoyancy_threads" data="100"/>'
-    buoyancy = Buoyancy.from_model(raft(asked))
-    assert helpers() == 5  # six hulls are computed together
-    buoyancy = Buoyancy.from_model(raft(asked), threads=2)
-    gc.collect()
-    assert helpers() == 1
-    with buoyancy.installed():
-        mujoco.mj_forward(buoyancy.model, mujoco.MjData(buoyancy.model))
+    compiled = raft('<numeric name="buoyancy_threads" data="100"/>')
+    data, buoyancy = started(compiled), Buoyancy.from_model(compiled)
+    for _ in range(50):
+        buoyancy.wrenches(data)
+    assert 1 <= helpers() <= 5  # six hulls are computed together
     del buoyancy
-    gc.collect()
-    assert helpers() == 0
+    no_helpers_are_left()
 
 
 @pytest.mark.parametrize("threads", [0, -1, 1.5, np.nan, np.inf])

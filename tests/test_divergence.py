@@ -6,7 +6,7 @@ from scenes import CUBE, WAVES, model
 
 from independent import MODELS
 from sim import DivergenceError, Scene, simulate
-from sim.divergence import body_energies
+from sim.coupling.divergence import body_energies
 
 BALL = """
     <body name="ball" pos="0 0 {z}"><freejoint/>

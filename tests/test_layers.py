@@ -1,39 +1,28 @@
-"""The direction of imports, read from the files."""
+"""The direction of imports, as the map in sim/__init__.py has it, read from the files."""
 
 import ast
+import re
+import subprocess
+import sys
 
 import pytest
 
+import sim
 from independent import REPOSITORY
 
-LAYERS = {
-    "gerstner": set(),
-    "spectrum": set(),
-    "sea": {"gerstner", "spectrum"},
-    "hull": set(),
-    "triangle": {"gerstner"},
-    "methods": {"gerstner", "sea", "hull", "triangle"},
-    "drag": {"gerstner", "sea", "hull", "triangle"},
-    "implicit": {"drag", "gerstner", "triangle"},
-    "mjcf": {"methods", "drag", "sea", "hull"},
-    "coupling": {"mjcf", "methods", "implicit", "sea"},
-    "scene": {"coupling"},
-    "divergence": {"scene", "mjcf", "hull"},
-    "simulation": {"scene", "divergence"},
-    "waterline": {"sea"},
-    "skin": {"simulation", "coupling", "hull", "waterline"},
-    "recording": {"simulation", "scene", "skin", "waterline", "sea"},
-    "accuracy": {"methods", "gerstner", "sea", "hull", "triangle"},
-}
-"""What each layer may import from the others."""
+TIERS = [
+    {name.strip().rstrip("/") for name in line.split(",")}
+    for line in re.findall(r"^    ([a-z_/, ]+?)   *\S", sim.__doc__, flags=re.MULTILINE)
+][::-1]
+"""Rooms of the map, from the ground up; those of one line do not know one another."""
 
 OUTSIDE = {
-    "mujoco": {"mjcf", "coupling", "scene", "divergence", "simulation"},
-    "trimesh": {"mjcf"},
-    "rerun": {"recording"},
-    "numba": {"gerstner", "triangle", "methods", "drag", "waterline"},
+    "mujoco": {"coupling", "drawing", "measure"},
+    "trimesh": {"coupling", "measure"},
+    "rerun": {"drawing"},
+    "numba": {"kernels"},
 }
-"""Which layers may import a package from outside."""
+"""Which rooms may import a package from outside; others may be imported anywhere."""
 
 PACKAGE = REPOSITORY / "sim"
 FILES = sorted(set(PACKAGE.rglob("*.py")) - {PACKAGE / "__init__.py"})
@@ -50,26 +39,48 @@ def imported(path) -> set[str]:
     return names
 
 
+def room_of(path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(REPOSITORY)))
 def test_imports_point_one_way(path):
-    layer = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    room = room_of(path)
+    tier = next(i for i, rooms in enumerate(TIERS) if room in rooms)
+    below = set().union({room}, *TIERS[:tier])
     for name in imported(path):
         first, *rest = name.split(".")
         if first == "sim":
             assert rest, f"{path} imports the package from inside"
-            assert rest[0] == layer or rest[0] in LAYERS[layer], f"{layer} imports {name}"
+            assert rest[0] in below, f"{room} imports {name}"
         else:
-            assert layer in OUTSIDE.get(first, {layer}), f"{layer} imports {name}"
+            assert room in OUTSIDE.get(first, {room}), f"{room} imports {name}"
 
 
-def test_every_layer_is_listed():
-    found = {p.relative_to(PACKAGE).parts[0].removesuffix(".py") for p in FILES}
-    assert found == set(LAYERS)
+def test_modules_of_a_room_do_not_import_in_circles():
+    of_module = {
+        ".".join(path.relative_to(REPOSITORY).with_suffix("").parts): imported(path)
+        for path in FILES
+    }
+    left = {name: names & set(of_module) for name, names in of_module.items()}
+    while free := {name for name, names in left.items() if not names & set(left)}:
+        left = {name: names for name, names in left.items() if name not in free}
+    assert left == {}
+
+
+def test_every_room_is_on_the_map():
+    assert {room_of(path) for path in FILES} == set().union(*TIERS)
 
 
 def test_public_names_exist():
-    import sim
-
-    contract = "Wave Sea Hull Linear Buoyancy Scene simulate Recorder"
+    contract = "Wave Sea Hull Linear Chord Patches Reference Buoyancy Scene simulate Recorder"
     assert set(contract.split()) <= set(sim.__all__)
     assert all(hasattr(sim, name) for name in sim.__all__)
+    assert not hasattr(sim, "Kraken")
+
+
+def test_importing_the_package_does_not_load_rerun():
+    code = (
+        "import sys, sim; assert 'rerun' not in sys.modules; sim.Recorder; 'rerun' in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=REPOSITORY, timeout=60)

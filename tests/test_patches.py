@@ -8,6 +8,7 @@ from independent import (
     DENSITY,
     GRAVITY,
     ROUND_OFF,
+    clip,
     load_mesh,
     meshes,
     random_poses,
@@ -17,26 +18,9 @@ from independent import (
     volume_below,
 )
 from sim import Hull, Linear, Patches, Reference, Sea, Wave
-from sim.gerstner import JET_ROWS, solve_jets
-from sim.methods.patch_tree import (
-    AFTER,
-    CORNER,
-    CORNER_BITS,
-    LEAF,
-    MONOMIALS,
-    build_tree,
-    local_quadratic,
-    monomials,
-)
-from sim.methods.patches import (
-    CARRY,
-    POLYNOMIAL_COLUMNS,
-    SAFETY,
-    PatchFleet,
-    head_polynomials,
-    jet_error,
-    walk,
-)
+from sim.methods import Place
+from sim.methods.patch_tree import build_tree
+from sim.water.fit import fitted_waves, jet_error, jets_at, sample_places
 
 CUBE = trimesh.creation.box(extents=[1.0, 1.0, 1.0])
 
@@ -63,30 +47,11 @@ def forty_waves(steepness: float = 0.72) -> Sea:
     return Sea([Wave(*wave) for wave in zip(amplitudes, lengths, headings, phases, strict=True)])
 
 
-def polynomials_of_patches(method: Patches, position, rotation, time: float) -> np.ndarray:
-    """Coefficients and bounds of all patches' heads, from the same jets as a step's."""
-    tree, sea = method.tree, method.sea
-    x, y, z = (tree.patches[:, :3] @ rotation.T + position).T.copy()
-    jets = np.empty((JET_ROWS, x.size))
-    residual = CARRY * method.jet_reach
-    steps, _ = sea.newton_steps(residual / SAFETY)
-    solve_jets(x, y, method.components, time, residual, steps, jets)
-    q = np.empty((x.size, POLYNOMIAL_COLUMNS))
-    chosen = np.zeros((x.size, 3), dtype=np.int64)
-    head_polynomials(jets, z - sea.level, chosen, rotation.reshape(1, 9).copy(), q)
-    return q
-
-
 def largest_head_error(method: Patches, position, rotation, time: float) -> float:
     """Largest error [m] of the heads at all vertices of all patches."""
-    tree, sea = method.tree, method.sea
-    q = polynomials_of_patches(method, position, rotation, time)
-    leaves = np.flatnonzero(tree.nodes[:, LEAF] >= 0)  # in the order of their numbers
-    patch = np.searchsorted(tree.patch_nodes[:, 1], leaves, side="right")
-    places = np.moveaxis(tree.places, 1, 2)
-    heads = np.einsum("lvm,lm->lv", monomials(places), q[patch, :MONOMIALS])
-    x, y, z = np.moveaxis((tree.patches[patch, None, :3] + places) @ rotation.T + position, 2, 0)
-    return float(np.abs(heads - (sea.elevation(x, y, time) - z)).max())
+    places, heads = method.heads_at_vertices(position, rotation, time)
+    reached = np.isfinite(heads)  # others are above the highest crest
+    return float(np.abs(heads - method.sea.head(*places.T, time))[reached].max(initial=0.0))
 
 
 SEAS = {
@@ -136,24 +101,23 @@ def test_the_promise_holds_where_a_short_wave_is_as_high_as_the_tolerance():
 
 
 @pytest.mark.parametrize("sea", [three_waves(), forty_waves()], ids=["three", "forty"])
-def test_economised_jets_are_nearer_to_the_sea_than_taylor_s(sea):
+def test_fitted_jets_are_nearer_to_the_sea_than_taylor_s(sea):
     radius = 0.2
-    x, y = sea.sample_places()
-    errors = []
-    for components in (sea.components, sea.economised(radius)):
-        jets = np.empty((JET_ROWS, x.size))
-        solve_jets(x, y, components, 0.0, sea.residual_tolerance, 0, jets)
-        errors.append(jet_error(sea, x, y, jets, radius))
-    assert errors[1] < 0.7 * errors[0]
+    x, y = sample_places(sea)
+    taylor, fitted = (
+        jet_error(sea, x, y, jets_at(sea, x, y, waves), radius)
+        for waves in (sea.components, fitted_waves(sea, radius))
+    )
+    assert fitted < 0.7 * taylor
 
 
-def test_patches_are_round():
+def test_patches_are_no_larger_than_the_radius_allowed_and_round():
     """Discs of their largest radius have together less than 2.4 times the area of a ball (hexagons
     would have 1.2, halves of halves have 3)."""
     ball = Hull.from_trimesh(trimesh.creation.icosphere(subdivisions=4, radius=0.5))
     for radius in (0.4, 0.2):
         patches = build_tree(ball, radius, np.inf).patches
-        assert (patches[:, 3] <= radius).all()
+        assert (patches["radius"] <= radius).all()
         assert len(patches) * radius**2 < 2.4 * 4.0 * 0.5**2
 
 
@@ -165,38 +129,41 @@ def far_poses(count: int):
         yield position, random_rotation(rng), rng.uniform(0.0, 100.0)
 
 
-@pytest.mark.parametrize("steepness", [0.2, 0.8])
-def test_a_walk_is_sure_of_what_it_says(steepness):
-    """No vertex below a node that counts as wet is dry by the patch's polynomial, and none below
-    one that counts as dry is wet, however strongly the polynomial bends: below a level plate
-    crests and troughs meet the flat boxes of its nodes where the slope says nothing."""
-    sea = crossing_waves(2.0, steepness)
-    plate = trimesh.creation.box(extents=[1.0, 1.0, 0.01])
-    for _ in range(5):
-        plate = plate.subdivide()
-    method = Patches(Hull.from_trimesh(plate), sea, 0.05)
-    tree = method.tree
-    count = len(tree.patches)
-    chosen = np.column_stack([np.arange(count), np.zeros((count, 2), dtype=np.int64)])
-    wet, opened = np.empty((2, len(tree.nodes), 2), dtype=np.int64)
-    seen = np.zeros(2)
+def plate(thickness: float = 0.01, halvings: int = 5) -> trimesh.Trimesh:
+    mesh = trimesh.creation.box(extents=[1.0, 1.0, thickness])
+    for _ in range(halvings):
+        mesh = mesh.subdivide()
+    return mesh
+
+
+def clipped_volume(hull: Hull, method: Patches, position, time: float) -> float:
+    """Volume [m^3] that the wet parts of a level hull's triangles lift, by clipping them one by one
+    with the heads that the patches have there."""
+    places, heads = method.heads_at_vertices(position, np.eye(3), time)
+    known = {tuple(np.round(p, 9)): h for p, h in zip(places, heads, strict=True)}
+    vertices = hull.vertices + position
+    at = np.array([known[tuple(np.round(v, 9))] for v in vertices])
+    corners, wet = clip(vertices[hull.faces], at[hull.faces])
+    area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return float(-(wet.mean(axis=1) @ area[:, 2]))
+
+
+def test_no_node_is_taken_for_wet_or_dry_that_is_not():
+    """Below a level plate crests and troughs meet the flat boxes of its nodes where the slope says
+    nothing. Clipping every triangle with the same heads, no node asked, gives the same force but
+    for what the cubic bends within a triangle."""
+    sea = crossing_waves(2.0, 0.2)
+    hull = Hull.from_trimesh(plate())
+    method = Patches(hull, sea, 0.05)
+    edge = 2.0**-5 * np.sqrt(2.0)
+    sag = np.abs(sea.surface(*sample_places(sea), 0.0).hessian).max() * edge**2 / 8.0
     for position, _, time in random_poses(8, seed=52):
         level = float(sea.elevation(position[0], position[1], time))
-        q = polynomials_of_patches(method, [*position[:2], level], np.eye(3), time)
-        sizes = walk(tree.patch_nodes, tree.nodes, tree.patches, chosen, q, wet, opened)
-        is_wet = np.zeros(len(tree.nodes), dtype=bool)
-        for node, _ in wet[: sizes[0]]:
-            is_wet[node : int(tree.nodes[node, AFTER])] = True
-        seen += sizes
-        for node in np.flatnonzero(tree.nodes[:, LEAF] >= 0):
-            leaf = int(tree.nodes[node, LEAF])
-            patch = np.searchsorted(tree.patch_nodes[:, 1], node, side="right")
-            heads = monomials(tree.places[leaf].T) @ q[patch, :MONOMIALS]
-            if is_wet[node]:
-                assert heads.min() > -ROUND_OFF
-            elif leaf not in opened[: sizes[1], 0]:
-                assert heads.max() < ROUND_OFF
-    assert (seen > 100).all()
+        place = np.array([*position[:2], level])
+        lifted = method.wrench(place, np.eye(3), time)[2] / (DENSITY * GRAVITY)
+        expected = clipped_volume(hull, method, place, time)
+        near_the_waterline = 0.1  # of the plate's 1 m^2
+        assert abs(lifted - expected) < near_the_waterline * sag
 
 
 def test_wrench_tends_to_the_reference_with_the_tolerance():
@@ -225,38 +192,17 @@ def test_default_is_as_good_as_linear_on_the_bunny():
     assert worst["patches"] <= worst["linear"]
 
 
-def test_moments_integrate_a_quadratic_head_exactly():
-    """The root's moments against volume integrals, which Gauss's theorem makes of them."""
-    hull = Hull.from_trimesh(meshes()["bunny"])
-    tree = build_tree(hull, np.inf, np.inf)
-    moments = np.hstack([tree.linear_moments[0], tree.bending_moments[0]]).T
-    inertia = trimesh.Trimesh(hull.vertices, hull.faces, process=False).mass_properties
-    centre = tree.patches[0, :3]
-    volume = hull.volume
-    # integral of x n_x = volume; of x^2 n_x = 2 * integral of x over the volume
-    np.testing.assert_allclose(moments[1:4, :3], volume * np.eye(3), atol=ROUND_OFF)
-    first = volume * (inertia.center_mass - centre)
-    single = float(np.finfo(np.float32).eps)  # bending moments are kept in single precision
-    assert moments[4, 0] == pytest.approx(2.0 * first[0], abs=single)
-    assert moments[7, 1] == pytest.approx(2.0 * first[1], abs=single)
-    assert moments[5, 0] == pytest.approx(first[1], abs=single)
-    np.testing.assert_allclose(moments[0], 0.0, atol=ROUND_OFF)  # uniform pressure
-
-
-def test_moments_of_a_leaf_are_those_of_its_vertices_and_bends():
-    """What opened leaves add up to when all of them are wet is what their nodes' moments say: the
-    same polynomial by both ways, cubic terms included."""
-    hull = Hull.from_trimesh(meshes()["icosphere"])
-    tree = build_tree(hull, 0.3, 0.2)
-    q = np.random.default_rng(51).normal(size=MONOMIALS)
-    for node in np.flatnonzero(tree.nodes[:, LEAF] >= 0):
-        leaf = int(tree.nodes[node, LEAF])
-        by_moments = tree.linear_moments[node] @ q[:4] + tree.bending_moments[node] @ q[4:]
-        heads = monomials(tree.places[leaf].T) @ q
-        quadratic = local_quadratic(*tree.middles[leaf]) @ q[4:]
-        by_vertices = tree.weights[leaf] @ heads + tree.bends[leaf, :, :6] @ quadratic
-        scale = np.abs(tree.weights[leaf]).sum() * np.abs(q).sum()
-        np.testing.assert_allclose(by_vertices, by_moments, atol=np.finfo(np.float32).eps * scale)
+def test_a_submerged_hull_is_right_to_the_cubic_s_error():
+    """Wholly wet, so from moments alone: in a long wave the cubic is nearly exact, and so must be
+    force and torque, whose integrals are of fourth and fifth order in the place."""
+    sea = Sea([Wave(0.3, 12.0, 0.4)])
+    hull = Hull.from_trimesh(meshes()["torus"])
+    method = Patches(hull, sea, 1e-5)
+    for _, rotation, time in random_poses(4, seed=53):
+        found = method.wrench([0.4, -0.3, -1.5], rotation, time)
+        truth = Reference(hull, sea, 1e-10).wrench([0.4, -0.3, -1.5], rotation, time)
+        moments_in_single_precision = float(np.finfo(np.float32).eps)
+        assert relative_error(found, truth, hull) < moments_in_single_precision
 
 
 @pytest.mark.parametrize("name", ["icosphere", "torus", "bunny"])
@@ -279,7 +225,7 @@ def test_coarse_triangles_are_split_to_meet_the_tolerance():
     sea = Sea([Wave(0.02, 0.5, 0.3), Wave(0.01, 0.35, -1.2, 1.0)])
     hull = Hull.from_trimesh(CUBE)
     linear, patches = Linear(hull, sea), Patches(hull, sea, 1e-3)
-    assert np.count_nonzero(patches.tree.triangles) > 500
+    assert np.count_nonzero(patches.tree.leaves["triangles"]) > 500
     worst = [0.0, 0.0]
     for pose in random_poses(10, seed=46):
         truth = Reference(hull, sea, 1e-6).wrench(*pose)
@@ -287,22 +233,6 @@ def test_coarse_triangles_are_split_to_meet_the_tolerance():
             worst[i] = max(worst[i], relative_error(method.wrench(*pose), truth, hull))
     assert worst[1] < 2e-4
     assert worst[1] < worst[0] / 50.0
-
-
-def test_splitting_keeps_the_surface():
-    hull = Hull.from_trimesh(CUBE)
-    tree = build_tree(hull, 0.2, 0.1)
-    # every triangle is in just one leaf: its corners are read from the code's first three bytes
-    leaf, slot = np.nonzero(tree.triangles)
-    codes = tree.triangles[leaf, slot]
-    corners = np.stack(
-        [tree.places[leaf, :, codes >> CORNER_BITS * i & CORNER] for i in range(3)], axis=1
-    )
-    a, b, c = np.moveaxis(corners, 1, 0)
-    areas = 0.5 * np.cross(b - a, c - a)
-    assert np.linalg.norm(areas, axis=1).sum() == pytest.approx(6.0, rel=ROUND_OFF)
-    np.testing.assert_allclose(areas.sum(axis=0), 0.0, atol=ROUND_OFF)
-    assert (tree.patches[:, 3] <= 0.2).all()
 
 
 def test_dry_and_deep_hulls():
@@ -369,23 +299,24 @@ def test_awkward_triangles(kind):
         )
 
 
-def test_a_fleet_shares_trees_and_agrees_with_its_members():
+def test_a_batch_shares_trees_and_agrees_with_its_members():
     sea = three_waves()
     ball = Hull.from_trimesh(meshes()["icosphere"])
     shared, other = Patches(ball, sea, 1e-3), Patches(Hull.from_trimesh(CUBE), sea, 1.5e-3)
-    assert not np.array_equal(shared.components, other.components)  # they must not be mixed up
+    assert not np.array_equal(shared.fitted, other.fitted)  # they must not be mixed up
     poses = random_poses(4, seed=49)
     positions = np.array([p for p, _, _ in poses])
     rotations = np.array([r.ravel() for _, r, _ in poses])
-    out = np.ones((4, 6))
-    methods, at, rows = [shared, other, shared, other], [2, 0, 1, 2], [0, 3, 1, 0]
-    PatchFleet(methods, at, rows).add_wrenches(positions, rotations, 0.6, out)
-    expected = np.ones((4, 6))
-    for method, pose, row in zip(methods, at, rows, strict=True):
-        expected[row] += method.wrench(positions[pose], rotations[pose], 0.6)
-    np.testing.assert_allclose(out, expected, rtol=1e-9)
+    out = np.ones((5, 6))
+    methods = [shared, other, shared, other]
+    places = [Place(2, 0), Place(0, 3), Place(1, 1), Place(2, 4)]
+    Patches.batch(methods, places).write_wrenches(positions, rotations, 0.6, out)
+    np.testing.assert_array_equal(out[2], 1.0)  # nobody's row
+    for method, place in zip(methods, places, strict=True):
+        alone = method.wrench(positions[place.pose], rotations[place.pose], 0.6)
+        np.testing.assert_allclose(out[place.row], alone, rtol=1e-9)
     with pytest.raises(ValueError, match="float in one sea"):
-        PatchFleet([shared, Patches(ball, three_waves())], [0, 1], [0, 1])
+        Patches.batch([shared, Patches(ball, three_waves())], [Place(0, 0), Place(1, 1)])
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan])

@@ -35,7 +35,7 @@ def test_series_are_the_samples_and_go_into_arrays(tmp_path, capsys):
 
 
 def test_series_of_bodies_beyond_the_plots_are_read_too(tmp_path, monkeypatch):
-    monkeypatch.setattr("sim.recording.MOST_PLOTTED", 1)
+    monkeypatch.setattr("sim.drawing.recorder.MOST_PLOTTED", 1)
     scene, samples = Scene.load(MODELS / "trio.xml"), []
     with Recorder(tmp_path / "trio.rrd", scene) as recorder:
         for sample in simulate(scene, 0.3):

@@ -13,9 +13,10 @@ from rerun.chunk import RrdReader
 
 from independent import MODELS, ROUND_OFF
 from sim import Recorder, Scene, Sea, Tally, Wave, simulate
-from sim.recording import GOLDEN_TURN, sea_in_words, thinned
-from sim.skin import rotation_matrix, shaded_corners, with_hue_turned
-from sim.waterline import WATERLINE_ERROR
+from sim.drawing.display_mesh import shaded_corners, with_hue_turned
+from sim.drawing.recorder import GOLDEN_TURN, sea_in_words, thinned
+from sim.drawing.waterline_curves import WATERLINE_ERROR
+from sim.geometry import rotation_matrix
 
 FLOAT32 = 1e-6
 """Relative error of positions: Rerun keeps them in single precision."""
@@ -122,7 +123,7 @@ def test_water_is_made_of_the_particles_of_the_surface_that_pushes(run):
         step = (after - before) / (t.time - s.time)
         if np.abs(step[:, :2]).max() < 2.0:  # else the grid went on by a cell
             middle = 0.5 * (before + after)
-            velocity = sea.velocity(middle[:, 0], middle[:, 1], 0.5 * (s.time + t.time))
+            velocity = sea.surface(*middle[:, :2].T, 0.5 * (s.time + t.time)).velocity
             midpoint_rule = 0.02  # m/s, at 30 Hz
             np.testing.assert_allclose(step, velocity, atol=midpoint_rule)
             moved += 1
@@ -206,12 +207,16 @@ def test_frames_come_at_the_recording_rate_and_the_water_has_its_size(tmp_path):
     np.testing.assert_allclose(
         times, 7.0 + np.arange(11) / 10.0, atol=0.002
     )  # one step of the scene
-    sea, cell = scene.buoyancy.sea, 0.5
+    sea, side = scene.buoyancy.sea, np.linspace(-2.0, 2.0, 9)
     for time, points in zip(times, frames, strict=True):
-        labels = sea.labels(points[:, 0], points[:, 1], time)
-        assert len(labels) == 81
-        np.testing.assert_allclose(np.ptp(labels, axis=0), 4.0, atol=1e-5)
-        np.testing.assert_allclose(labels / cell, np.round(labels / cell), atol=1e-5)
+        # the particles of a grid of labels, which goes on by whole cells of half a metre
+        low = np.round(2.0 * (points[:, :2].min(axis=0) + 2.0)) / 2.0
+        grids = [
+            sea.particle_grid(low[0] + i / 2 + side, low[1] + j / 2 + side, time).reshape(-1, 3)
+            for i in (-1, 0, 1)
+            for j in (-1, 0, 1)
+        ]
+        assert min(np.abs(points - grid).max() for grid in grids) < 1e-5
 
 
 @pytest.mark.parametrize(
@@ -231,7 +236,7 @@ def test_numbers_that_cannot_be_are_refused(numbers, message, tmp_path):
 def test_many_bodies_cost_no_shading_and_only_the_first_are_plotted(tmp_path, monkeypatch):
     from scenes import CUBE, model
 
-    monkeypatch.setattr("sim.recording.MOST_SHADED_VERTICES", 100)
+    monkeypatch.setattr("sim.drawing.recorder.MOST_SHADED_VERTICES", 100)
     names = tuple(f"cube{i}" for i in range(8))
     bodies = "".join(
         CUBE.replace('"cube"', f'"{name}"').replace("0 0 0", f"{2 * i} 0 0")
@@ -260,7 +265,7 @@ def test_many_bodies_cost_no_shading_and_only_the_first_are_plotted(tmp_path, mo
 
 
 def test_many_waterlines_are_thinned_and_stay_closed(monkeypatch):
-    monkeypatch.setattr("sim.recording.MOST_WATERLINE_POINTS", 40)
+    monkeypatch.setattr("sim.drawing.recorder.MOST_WATERLINE_POINTS", 40)
     turn = np.linspace(0.0, 1.0, 101)
     long = np.column_stack([turn, turn * (1.0 - turn), 0.0 * turn])
     long[-1] = long[0]
@@ -274,7 +279,7 @@ def test_many_waterlines_are_thinned_and_stay_closed(monkeypatch):
 def test_viewing_without_a_screen_says_so_and_leaves_nothing(tmp_path, monkeypatch):
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        monkeypatch.setattr("sim.recording.VIEWER_PORT", probe.getsockname()[1])
+        monkeypatch.setattr("sim.drawing.recorder.VIEWER_PORT", probe.getsockname()[1])
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
@@ -297,7 +302,7 @@ def test_a_viewer_that_is_open_is_sent_the_run(tmp_path, monkeypatch):
     )  # fmt: skip
     try:
         wait_until(lambda: listens(port))
-        monkeypatch.setattr("sim.recording.VIEWER_PORT", port)
+        monkeypatch.setattr("sim.drawing.recorder.VIEWER_PORT", port)
         scene, samples = Scene.load(MODELS / "cube.xml"), []
         with Recorder(None, scene, view=True, water_resolution=9) as recorder:
             for sample in simulate(scene, 0.5):
@@ -388,7 +393,7 @@ def test_a_killed_run_loses_less_than_a_second(tmp_path, monkeypatch, frame_seco
     """What is on the disk after every frame is what SIGKILL would leave there. No more is missing
     than is younger than a second, simulated and by a clock that we turn by hand."""
     clock = [100.0]
-    monkeypatch.setattr("sim.recording.monotonic", lambda: clock[0])
+    monkeypatch.setattr("sim.drawing.recorder.monotonic", lambda: clock[0])
     scene, path, lost = Scene.load(MODELS / "cube.xml"), tmp_path / "cut.rrd", []
     with Recorder(path, scene, water_resolution=2) as recorder:
         for frame, sample in enumerate(simulate(scene, 1.4), start=1):

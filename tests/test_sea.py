@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from independent import three_waves
-from sim import Sea, Wave, gerstner
-from sim.sea import ELEVATION_ERROR
+from sim import Sea, Wave
+from sim.water.fit import fitted_waves, newton_steps
+from sim.water.gerstner import PLAIN_STEPS, sine_cosine, solve_point
+from sim.water.sea import ELEVATION_ERROR
 
 MAP_ROUND_OFF = 1e-12  # m, of positions within some tens of metres
 
@@ -26,47 +28,39 @@ def seas_of_steepness(steepness: float) -> list[Sea]:
 
 @pytest.mark.parametrize("steepness", [0.0, 0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95])
 def test_elevation_lies_on_the_particles_at_any_steepness(steepness):
+    """The surface above the place of a particle is at the particle's height: it is a graph."""
     rng = np.random.default_rng(1)
     for sea in seas_of_steepness(steepness):
         assert sea.steepness == pytest.approx(steepness)
-        x, y = rng.uniform(-20.0, 20.0, (2, 3000))
-        points = sea.particles(sea.labels(x, y, 3.7), 3.7)
-        np.testing.assert_allclose(points[:, 0], x, atol=MAP_ROUND_OFF, rtol=0)
-        np.testing.assert_allclose(points[:, 1], y, atol=MAP_ROUND_OFF, rtol=0)
-        error = np.abs(points[:, 2] - sea.elevation(x, y, 3.7))
-        assert error.max() < ELEVATION_ERROR + MAP_ROUND_OFF
+        particles = sea.particles(rng.uniform(-20.0, 20.0, (3000, 2)), 3.7)
+        error = np.abs(particles[:, 2] - sea.elevation(*particles[:, :2].T, 3.7))
+        slope = steepness / (1.0 - steepness)  # of the surface at most, along which places are off
+        assert error.max() < ELEVATION_ERROR + MAP_ROUND_OFF * (1.0 + slope)
 
 
 @pytest.mark.parametrize("steepness", [0.5, 0.95])
 def test_solver_converges_from_any_starting_label(steepness):
     rng = np.random.default_rng(2)
     for sea in seas_of_steepness(steepness):
-        scratch = np.empty((gerstner.SCRATCH_ROWS, 1))
+        tolerance = float(sea.water["tolerance"][0])
         for _ in range(500):
             x, y = rng.uniform(-5.0, 5.0, 2)
-            start = rng.uniform(-20.0, 20.0, 2)
-            scratch[[gerstner.LABEL_X, gerstner.LABEL_Y], 0] = start
-            height = gerstner.solve_point(
-                x, y, sea.components, 0.4, sea.residual_tolerance, scratch
-            )
-            label = scratch[[gerstner.LABEL_X, gerstner.LABEL_Y], 0]
+            guess = rng.uniform(-20.0, 20.0, 2)
+            *label, height = solve_point(x, y, *guess, sea.components, 0.4, tolerance)
             np.testing.assert_allclose(sea.particles(label, 0.4)[:2], (x, y), atol=MAP_ROUND_OFF)
             assert abs(height - sea.elevation(x, y, 0.4)) < 2 * ELEVATION_ERROR + MAP_ROUND_OFF
 
 
 def test_plain_newton_steps_alone_would_miss_points_that_the_safeguard_finds():
-    """Guards the safeguard: without it this sea would leave points unsolved."""
+    """Guards the safeguard: in this sea plain steps leave samples unsolved, and yet elevations lie
+    on the particles."""
     sea = seas_of_steepness(0.99)[0]
-    x = np.linspace(-2.0, 2.0, gerstner.CHUNK)
-    scratch = np.zeros((gerstner.SCRATCH_ROWS, gerstner.CHUNK))
-    scratch[gerstner.LABEL_X] = x
-    heights = np.empty(gerstner.CHUNK)
-    for _ in range(gerstner.PLAIN_STEPS):
-        gerstner.wave_sums(gerstner.CHUNK, sea.components, 0.0, scratch)
-        gerstner.newton_update(x, 0.0 * x, heights, scratch)
-    assert (scratch[gerstner.RESIDUAL] > sea.residual_tolerance**2).any()
-    labels = sea.labels(x, 0.0, 0.0)
-    np.testing.assert_allclose(sea.particles(labels, 0.0)[:, 0], x, atol=MAP_ROUND_OFF)
+    steps, residual = newton_steps(sea, 1e-9)
+    assert steps == PLAIN_STEPS
+    assert residual > 1e-3
+    particles = sea.particles(np.column_stack([np.linspace(-2.0, 2.0, 999)] * 2), 0.0)
+    error = np.abs(particles[:, 2] - sea.elevation(*particles[:, :2].T, 0.0))
+    assert error.max() < 100.0 * MAP_ROUND_OFF  # as steep as the surface is at most
 
 
 def test_sine_and_cosine_hold_their_error_far_from_zero():
@@ -74,7 +68,7 @@ def test_sine_and_cosine_hold_their_error_far_from_zero():
     turns = rng.uniform(-1.0, 1.0, 2000) * 10.0 ** rng.uniform(-8, 6, 2000)
     turns = np.concatenate([turns, np.arange(-8, 9) / 8.0])
     nearest = turns - np.round(turns)  # exact, so numpy's argument is right as well
-    s, c = np.array([gerstner.sine_cosine(t) for t in turns]).T
+    s, c = np.array([sine_cosine(t) for t in turns]).T
     np.testing.assert_allclose(s, np.sin(2.0 * np.pi * nearest), atol=5e-16, rtol=0)
     np.testing.assert_allclose(c, np.cos(2.0 * np.pi * nearest), atol=5e-16, rtol=0)
 
@@ -111,7 +105,7 @@ def test_gradient_and_hessian_agree_with_finite_differences(steepness):
         return sea.elevation(x, y, 1.3)
 
     def gradient(x, y):
-        return sea.gradient(x, y, 1.3)
+        return sea.surface(x, y, 1.3).gradient
 
     for exact, function in ((surface.gradient, elevation), (surface.hessian, gradient)):
         errors = [np.abs(_central(function, x, y, h) - exact).max() for h in (2e-3, 1e-3, 5e-4)]
@@ -146,11 +140,23 @@ def test_a_grid_of_particles_is_those_particles():
 
 
 def test_velocity_is_the_particles_own():
-    sea = three_waves(0.6)
-    x, y = np.random.default_rng(8).uniform(-3.0, 3.0, (2, 100))
-    labels, h = sea.labels(x, y, 0.9), 1e-5
+    sea, h = three_waves(0.6), 1e-5
+    labels = np.random.default_rng(8).uniform(-3.0, 3.0, (100, 2))
     by_difference = (sea.particles(labels, 0.9 + h) - sea.particles(labels, 0.9 - h)) / (2.0 * h)
-    np.testing.assert_allclose(sea.velocity(x, y, 0.9), by_difference, atol=1e-8)
+    x, y, _ = sea.particles(labels, 0.9).T
+    np.testing.assert_allclose(sea.surface(x, y, 0.9).velocity, by_difference, atol=1e-8)
+
+
+def test_head_is_the_depth_below_the_surface():
+    """Whatever the level and whichever side of the surface."""
+    sea = Sea(three_waves().waves, level=-1.5)
+    x, y, z = np.random.default_rng(10).uniform(-3.0, 3.0, (3, 200))
+    expected = sea.elevation(x, y, 0.4) - z
+    np.testing.assert_allclose(sea.head(x, y, z, 0.4), expected, atol=MAP_ROUND_OFF)
+    times = np.array([0.0, 0.7])
+    heads = sea.head(0.2, 0.1, z[:, None], times)
+    assert heads.shape == (200, 2)
+    np.testing.assert_allclose(heads[:, 1], sea.head(0.2, 0.1, z, 0.7), atol=MAP_ROUND_OFF)
 
 
 def test_arguments_broadcast_time_included():
@@ -161,7 +167,7 @@ def test_arguments_broadcast_time_included():
     for row, time in zip(record, times, strict=True):
         np.testing.assert_array_equal(row, sea.elevation(x, 0.3, time))
     assert sea.elevation(0.0, 0.0, 0.0).shape == ()
-    assert sea.hessian(x, 0.0, times[:, None]).shape == (3, 5, 2, 2)
+    assert sea.surface(x, 0.0, times[:, None]).hessian.shape == (3, 5, 2, 2)
     assert sea.elevation([], [], 0.0).shape == (0,)
 
 
@@ -178,7 +184,7 @@ def test_what_is_not_finite_gives_nan_and_leaves_the_rest_alone():
     eta = sea.elevation([0.0, np.nan, np.inf, 1.0], 0.0, 0.0)
     assert np.isnan(eta).tolist() == [False, True, True, False]
     assert eta[3] == pytest.approx(float(sea.elevation(1.0, 0.0, 0.0)), abs=2 * ELEVATION_ERROR)
-    assert np.isnan(sea.labels(np.nan, 0.0, 0.0)).all()
+    assert np.isnan(sea.surface(np.nan, 0.0, 0.0).gradient).all()
 
 
 def test_far_from_the_origin_and_late_only_the_positions_round_off_is_lost():
@@ -194,39 +200,45 @@ def test_far_from_the_origin_and_late_only_the_positions_round_off_is_lost():
 
 
 @pytest.mark.parametrize("u", [0.1, 1.0, 3.0, 10.0])
-def test_economised_components_are_the_best_cubic_over_a_disc(u):
+def test_fitted_waves_are_the_best_cubic_over_a_disc(u):
     """Against a least-squares fit along the wave, places weighted by the disc's width there."""
     wavenumber, amplitude = np.pi, 0.1
-    row = Sea([Wave(amplitude, 2.0)]).economised(u / wavenumber)[0]
+    row = fitted_waves(Sea([Wave(amplitude, 2.0)]), u / wavenumber)[0]
     s = (np.arange(20000) + 0.5) / 10000 - 1.0
     x, root = u / wavenumber * s, (1.0 - s**2) ** 0.25  # least squares squares the weights
-    for function, powers, columns in (
-        (np.cos, (0, 2), (gerstner.AMPLITUDE, gerstner.RISE_2)),
-        (np.sin, (1, 3), (gerstner.RISE_1, gerstner.RISE_3)),
+    for function, powers, names in (
+        (np.cos, (0, 2), ("amplitude", "kka")),
+        (np.sin, (1, 3), ("ka", "kkka")),
     ):
         basis = np.stack([x**power for power in powers], axis=1)
         best = np.linalg.lstsq(root[:, None] * basis, root * function(wavenumber * x), rcond=None)
         # to derivatives; every second one of a sine or cosine changes sign
         expected = amplitude * best[0] * [1.0, -[2.0, 6.0][powers[0]]]
-        np.testing.assert_allclose(row[list(columns)], expected, rtol=1e-5)  # the sum over places
+        found = [row[name] for name in names]
+        np.testing.assert_allclose(found, expected, rtol=1e-5)  # the sum over places
 
 
-def test_economised_components_tend_to_the_sea_s_own_with_the_radius():
+def test_fitted_waves_tend_to_the_sea_s_own_with_the_radius():
     """With the square of the radius, as the term left out over those kept."""
     sea = three_waves()
-    columns = [gerstner.AMPLITUDE, gerstner.RISE_1, gerstner.RISE_2, gerstner.RISE_3]
-    own = sea.components[:, columns]
-    changes = [np.abs(sea.economised(r)[:, columns] / own - 1.0).max() for r in (0.1, 0.05, 0.025)]
+
+    def strengths(waves):
+        return np.stack([waves[name] for name in ("amplitude", "ka", "kka", "kkka")])
+
+    own = strengths(sea.components)
+    changes = [
+        np.abs(strengths(fitted_waves(sea, r)) / own - 1.0).max() for r in (0.1, 0.05, 0.025)
+    ]
     assert changes[0] < 0.02
     np.testing.assert_allclose(np.divide(changes[:-1], changes[1:]), 4.0, rtol=0.02)
-    assert not Sea().economised(1.0).size
+    assert not fitted_waves(Sea(), 1.0).size
 
 
-def test_newton_steps_shrink_the_residual_of_economised_waves_too():
+def test_newton_steps_shrink_the_residual_of_fitted_waves_too():
     """Its slope misses the offset's own by less than two thirds of what keeps it from folding."""
     for u in np.geomspace(0.01, 100.0, 300):
-        row = Sea([Wave(0.1, 2.0 * np.pi)]).economised(u)[0]
-        offset, slope = row[[gerstner.AMPLITUDE, gerstner.RISE_1]] / 0.1
+        row = fitted_waves(Sea([Wave(0.1, 2.0 * np.pi)]), u)[0]
+        offset, slope = row["amplitude"] / 0.1, row["ka"] / 0.1
         assert abs(slope - offset) <= (2.0 / 3.0) * (1.0 - abs(slope)) + 1e-12
 
 
@@ -244,7 +256,7 @@ def test_sea_cannot_be_changed():
     with pytest.raises(AttributeError):
         sea.level = 1.0
     with pytest.raises(ValueError, match="read-only"):
-        sea.components[0, 0] = 1.0
+        sea.components["amplitude"] = 1.0
     with pytest.raises(AttributeError):
         sea.waves[0].amplitude = 1.0
 

@@ -6,7 +6,7 @@ from scenes import model
 
 from independent import ROUND_OFF
 from sim import Buoyancy, Sea
-from sim.spectrum import density, equal_energy_frequencies, equal_share_angles
+from sim.water.spectrum import equal_energy_frequencies, equal_share_angles
 
 HEIGHT, PERIOD = 0.5, 4.0
 OMEGA = np.linspace(0.3, 40.0, 200_001) * 2.0 * np.pi / PERIOD
@@ -15,36 +15,40 @@ QUADRATURE = 1e-4
 """Relative error of sums over a table of frequencies, ends included."""
 
 
+def density(omega, gamma: float) -> np.ndarray:
+    """JONSWAP's variance density [m^2 s] as DNV-RP-C205 has it, but for its factor, at PERIOD."""
+    x = np.asarray(omega) * PERIOD / (2.0 * np.pi)
+    width = np.where(x <= 1.0, 0.07, 0.09)
+    return x**-5.0 * np.exp(-1.25 * x**-4.0) * gamma ** np.exp(-0.5 * ((x - 1.0) / width) ** 2)
+
+
 @pytest.mark.parametrize("gamma", [1.0, 3.3, 7.0])
-def test_moments_and_peak_of_the_spectrum(gamma):
-    spectrum = density(OMEGA, HEIGHT, PERIOD, gamma)
-    assert np.trapezoid(spectrum, OMEGA) == pytest.approx(HEIGHT**2 / 16.0, rel=QUADRATURE)
-    assert OMEGA[spectrum.argmax()] == pytest.approx(2.0 * np.pi / PERIOD, rel=1e-3)
-
-
-def test_without_enhancement_it_is_pierson_moskowitzs_closed_form():
-    peak = 2.0 * np.pi / PERIOD
-    closed = 5.0 / 16.0 * HEIGHT**2 * peak**4 * OMEGA**-5 * np.exp(-1.25 * (OMEGA / peak) ** -4)
-    found = density(OMEGA, HEIGHT, PERIOD, 1.0)
-    np.testing.assert_allclose(found, closed, rtol=QUADRATURE, atol=1e-12)
-
-
-@pytest.mark.parametrize("gamma", [2.0, 3.3, 5.0])
-def test_the_usual_fit_of_the_normalisation_is_close(gamma):
-    """DNV-RP-C205: S at gamma = S of Pierson and Moskowitz (1 - 0.287 ln gamma) gamma^..."""
-    peak = 2.0 * np.pi / PERIOD
-    ratio = density(peak, HEIGHT, PERIOD, gamma) / density(peak, HEIGHT, PERIOD, 1.0)
-    fit = 0.02  # its own error
-    assert ratio == pytest.approx((1.0 - 0.287 * np.log(gamma)) * gamma, rel=fit)
-
-
 @pytest.mark.parametrize("count", [1, 7, 40])
-def test_each_wave_stands_for_a_band_of_equal_energy(count):
+def test_each_wave_stands_for_a_band_of_equal_energy(count, gamma):
     """Below the i-th frequency lie (i + 1/2) / N of the energy."""
-    for i, omega in enumerate(equal_energy_frequencies(PERIOD, 3.3, count)):
+    total = np.trapezoid(density(OMEGA, gamma), OMEGA)
+    for i, omega in enumerate(equal_energy_frequencies(PERIOD, gamma, count)):
         below = np.linspace(1e-3, omega, 100_001)
-        share = np.trapezoid(density(below, 1.0, PERIOD, 3.3), below) * 16.0
+        share = np.trapezoid(density(below, gamma), below) / total
         assert share == pytest.approx((i + 0.5) / count, abs=QUADRATURE)
+
+
+def test_without_enhancement_bands_are_pierson_and_moskowitzs_in_closed_form():
+    """Their energy below x peak frequencies is exp(-5/4 x^-4) of the whole."""
+    shares = (np.arange(40) + 0.5) / 40
+    expected = 2.0 * np.pi / PERIOD * (-0.8 * np.log(shares)) ** -0.25
+    found = equal_energy_frequencies(PERIOD, 1.0, 40)
+    np.testing.assert_allclose(found, expected, rtol=QUADRATURE)
+
+
+def test_waves_crowd_at_the_peak_the_more_it_is_enhanced():
+    peak = 2.0 * np.pi / PERIOD
+    near = [
+        np.count_nonzero(np.abs(equal_energy_frequencies(PERIOD, gamma, 400) / peak - 1.0) < 0.05)
+        for gamma in (1.0, 3.3, 7.0)
+    ]
+    assert near == sorted(near)
+    assert near[2] > 2 * near[0]
 
 
 def test_energy_of_a_sea_is_the_spectrums():

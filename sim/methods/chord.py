@@ -1,8 +1,8 @@
-"""Chord: as linear, but the waterline across a cut triangle follows the true elevation.
+"""Chord: as linear, but the waterline across a cut triangle follows the true surface.
 
 The straight clip gives each cut triangle a chord from p to q along which the interpolated head
-vanishes. Chord samples the true elevation at n interior points of the chord and makes them
-vertices of the wet polygon, each with its own head: positive under a crest, negative
+vanishes. Chord takes the true heads at n interior points of the chord and makes them
+vertices of the wet polygon: positive under a crest, negative
 where a trough dips below (the closed form then debits). The polygon is a fan from a wet corner
 that is not on the chord.
 
@@ -14,132 +14,158 @@ straight clip just the sum of head times weight, the weight of sample c being
 summed over the two fan triangles that meet at c.
 """
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import Self
 
-from sim.gerstner import kernel, solve_heights
+import numpy as np
+
+from sim.geometry import cross, placed
 from sim.hull import Hull
+from sim.kernels import kernel, record
 from sim.methods.linear import (
     Linear,
     heads_at_vertices,
-    lowest_height,
+    is_above_crests,
     odd_corner_first,
-    placed,
-    sum_wet_body_frame,
-    turned_into_world,
+    unpacked,
+    wet_sums,
+    write_turned,
 )
-from sim.sea import Sea
-from sim.triangle import cross
+from sim.methods.method import Kernel, Settings, expect_at_most
+from sim.water.head import solve_heads
+from sim.water.sea import Sea
 
-Array = NDArray[np.float64]
+SAMPLE = record(x="f8", y="f8", z="f8", weights=("f8", 6))
+"""A point of a chord in the body frame [m] and its weights in the sums over the surface."""
 
 
 class Chord(Linear):
     """Wrench of a hull in a sea by a clip that bends along each chord.
 
     samples: interior points of a chord, 0 being the straight clip; crests_only: forget the
-    troughs, which biases the force upwards (for the experiment). Stateless. Raises ValueError.
+    troughs, which biases the force upwards (for the experiment). Raises ValueError.
     """
 
     def __init__(self, hull: Hull, sea: Sea, samples: int = 4, crests_only: bool = False) -> None:
         if samples != int(samples) or samples < 0:
             raise ValueError(f"samples is {samples}; a chord has 0 or more whole samples")
-        super().__init__(hull, sea)
         self.samples = int(samples)
         self.crests_only = bool(crests_only)
+        super().__init__(hull, sea)
 
-    def _sum(self, position: Array, rotation: Array, time: float, out: Array) -> None:
-        settings = (self.samples, self.crests_only)
-        chord_wrench(*self._surface, *settings, *self._water, position, rotation, time, out)
+    def _prepare(self) -> None:
+        self._surface.shape["samples"] = self.samples
+        self._surface.shape["crests_only"] = self.crests_only
+        super()._prepare()
+
+    @classmethod
+    def kernel(cls) -> Kernel:
+        return chord_wrenches
+
+    @classmethod
+    def from_text(cls, hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Self:
+        crests_only = arguments[-1:] == ["crests"]
+        numbers = arguments[:-1] if crests_only else arguments
+        expect_at_most(1, numbers)
+        samples = int(numbers[0]) if numbers else settings.chord_samples
+        return cls(hull, sea, samples, crests_only)
 
 
 @kernel
 def chord_ends(vertices, heads, a, b, c):
     """Fan corner f and the chord's ends (3, 3), in the order that keeps the face's winding."""
     ends = np.empty((3, 3))
-    tb = heads[a] / (heads[a] - heads[b])
-    tc = heads[a] / (heads[a] - heads[c])
-    a_is_wet = heads[a] > 0.0
-    for i in range(3):
-        p = vertices[a, i] + tb * (vertices[b, i] - vertices[a, i])
-        q = vertices[a, i] + tc * (vertices[c, i] - vertices[a, i])
-        ends[0, i] = vertices[a, i] if a_is_wet else vertices[b, i]
-        ends[1, i] = p if a_is_wet else q
-        ends[2, i] = q if a_is_wet else p
+    p, q, r = vertices[a], vertices[b], vertices[c]
+    tb, tc = heads[a] / (heads[a] - heads[b]), heads[a] / (heads[a] - heads[c])
+    first, last = (1, 2) if heads[a] > 0.0 else (2, 1)
+    fan = p if heads[a] > 0.0 else q
+    ends[0, 0], ends[0, 1], ends[0, 2] = fan.x, fan.y, fan.z
+    ends[first, 0] = p.x + tb * (q.x - p.x)
+    ends[first, 1] = p.y + tb * (q.y - p.y)
+    ends[first, 2] = p.z + tb * (q.z - p.z)
+    ends[last, 0] = p.x + tc * (r.x - p.x)
+    ends[last, 1] = p.y + tc * (r.y - p.y)
+    ends[last, 2] = p.z + tc * (r.z - p.z)
     return ends
 
 
 @kernel
-def sample_chord(ends, points, weights):
-    """Points (n, 3) [m] along the chord of `chord_ends` and their weights (n, 6), body frame."""
-    n = points.shape[0]
+def sample_chord(ends, samples_out):
+    """Samples along the chord of `chord_ends`."""
+    n = samples_out.size
     fan, first, last = ends[0], ends[1], ends[2]
-    for i in range(n):
-        points[i] = first + (i + 1.0) / (n + 1.0) * (last - first)
     # the fan triangles are alike: all have the same share of the chord
     u, v = first - fan, last - fan
     sx, sy, sz = cross(u[0], u[1], u[2], v[0], v[1], v[2])
     sx, sy, sz = 0.5 * sx / (n + 1.0), 0.5 * sy / (n + 1.0), 0.5 * sz / (n + 1.0)
     for i in range(n):
+        along = (i + 1.0) / (n + 1.0)
+        x = first[0] + along * (last[0] - first[0])
+        y = first[1] + along * (last[1] - first[1])
+        z = first[2] + along * (last[2] - first[2])
         # two triangles (f, c - d, c), (f, c, c + d): their neighbours' offsets cancel
-        mx = (2.0 * fan[0] + 6.0 * points[i, 0]) / 12.0
-        my = (2.0 * fan[1] + 6.0 * points[i, 1]) / 12.0
-        mz = (2.0 * fan[2] + 6.0 * points[i, 2]) / 12.0
-        weights[i, 0], weights[i, 1], weights[i, 2] = 2.0 / 3.0 * sx, 2.0 / 3.0 * sy, 2.0 / 3.0 * sz
-        weights[i, 3], weights[i, 4], weights[i, 5] = cross(mx, my, mz, sx, sy, sz)
+        mx, my, mz = (
+            (2.0 * fan[0] + 6.0 * x) / 12.0,
+            (2.0 * fan[1] + 6.0 * y) / 12.0,
+            (2.0 * fan[2] + 6.0 * z) / 12.0,
+        )
+        sample = samples_out[i]
+        sample.x, sample.y, sample.z = x, y, z
+        weights = sample.weights
+        weights[0], weights[1], weights[2] = 2.0 / 3.0 * sx, 2.0 / 3.0 * sy, 2.0 / 3.0 * sz
+        weights[3], weights[4], weights[5] = cross(mx, my, mz, sx, sy, sz)
 
 
 @kernel
-def add_chords(
-    vertices, faces, heads, samples, crests_only,
-    components, tolerance, level, position, rotation, time, out,
-):  # fmt: skip
-    """Add to the straight clip's sum, out (6,), what the samples on all chords bring."""
-    cut = 0
-    for f in range(faces.shape[0]):
-        cut += odd_corner_first(faces[f], heads)[0]
-    points, weights = np.empty((cut * samples, 3)), np.empty((cut * samples, 6))
-    n = 0
-    for f in range(faces.shape[0]):
-        is_cut, a, b, c = odd_corner_first(faces[f], heads)
+def chord_samples(surface, heads):
+    """Samples (N,) of all chords."""
+    cut, n = 0, surface.shape[0].samples
+    for f in range(surface.faces.size):
+        cut += odd_corner_first(surface.faces[f], heads)[0]
+    samples = np.empty(cut * n, SAMPLE)
+    count = 0
+    for f in range(surface.faces.size):
+        is_cut, a, b, c = odd_corner_first(surface.faces[f], heads)
         if is_cut:
-            ends = chord_ends(vertices, heads, a, b, c)
-            sample_chord(ends, points[n : n + samples], weights[n : n + samples])
-            n += samples
-    x, y, z, heights = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+            ends = chord_ends(surface.vertices, heads, a, b, c)
+            sample_chord(ends, samples[count : count + n])
+            count += n
+    return samples
+
+
+@kernel
+def add_chords(samples, crests_only, waves, water, position, rotation, time, sums_out):
+    """Add to the straight clip's sums (6,) what the samples on all chords bring."""
+    n = samples.size
+    x, y, z, heads = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for i in range(n):
-        x[i], y[i], z[i] = placed(points[i], position, rotation)
-    solve_heights(x, y, components, time, tolerance, heights)
+        s = samples[i]
+        x[i], y[i], z[i] = placed(s.x, s.y, s.z, position, rotation)
+    solve_heads(x, y, z, waves, water, time, heads)
     for i in range(n):
-        head = level + heights[i] - z[i]
+        head = heads[i]
         if crests_only and head < 0.0:
             head = 0.0
+        weights = samples[i].weights
         for j in range(6):
-            out[j] += head * weights[i, j]
+            sums_out[j] += head * weights[j]
 
 
 @kernel
-def chord_wrench(
-    vertices, faces, area_vectors, bounds, weights, longest_edge, samples, crests_only,
-    components, tolerance, level, amplitude,
-    position, rotation, time, out,
-):  # fmt: skip
-    """Wrench (6,) over - density gravity into out, world axes, torque about the position."""
-    out[:] = 0.0
-    if lowest_height(bounds, position, rotation) > level + amplitude:
-        return
-    heads = np.empty(vertices.shape[0])
-    wet = heads_at_vertices(
-        vertices, longest_edge, components, tolerance, level, amplitude, position, rotation, time,
-        heads,
-    )  # fmt: skip
-    if wet == 0:
-        return
-    body = np.zeros(6)
-    sum_wet_body_frame(vertices, faces, area_vectors, weights, heads, wet, body)
-    if samples > 0 and wet < vertices.shape[0]:
-        add_chords(
-            vertices, faces, heads, samples, crests_only,
-            components, tolerance, level, position, rotation, time, body,
-        )  # fmt: skip
-    turned_into_world(rotation, body, out)
+def chord_wrenches(block, places, positions, rotations, time, wrenches_out):
+    """See `Compiled`."""
+    surface, waves, water = unpacked(block)
+    heads, sums = np.empty(surface.vertices.size), np.empty(6)
+    crests_only = surface.shape[0].crests_only != 0
+    for i in range(places.size):
+        position, rotation = positions[places[i].pose], rotations[places[i].pose]
+        wrench = wrenches_out[places[i].row]
+        wrench[:] = 0.0
+        if is_above_crests(surface.shape, water, position, rotation):
+            continue
+        wet = heads_at_vertices(surface, waves, water, position, rotation, time, heads)
+        if wet > 0:
+            wet_sums(surface, heads, wet, sums)
+            if surface.shape[0].samples > 0 and wet < heads.size:
+                samples = chord_samples(surface, heads)
+                add_chords(samples, crests_only, waves, water, position, rotation, time, sums)
+            write_turned(sums, rotation, water[0].scale, wrench)

@@ -11,55 +11,71 @@ vertices, the sum of e_v (A_v, B_v) over the wet ones, and for each triangle tha
 water cuts the part that the clip takes away. Only that last part looks at triangles.
 """
 
-import numpy as np
-from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from collections.abc import Sequence
+from typing import NamedTuple, Self
 
-from sim.gerstner import kernel, solve_heights
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.geometry import cross, placed, sides
 from sim.hull import Hull
-from sim.sea import Sea
-from sim.triangle import clip_dry_part, cross
+from sim.kernels import inline, kernel, packed, read_only, record, table
+from sim.methods.method import PLACE, Compiled, Kernel, Part, Place
+from sim.triangle import clip_dry_part
+from sim.water.gerstner import WATER, WAVE
+from sim.water.head import solve_heads
+from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
+VERTEX = record(x="f8", y="f8", z="f8", weights=("f8", 6))
+"""A vertex in the body frame [m], with A_v [m^2] and B_v [m^3] of the module's docstring."""
 
-class Linear:
+FACE = record(a="i4", b="i4", c="i4", area_x="f8", area_y="f8", area_z="f8")
+"""A triangle's corners and its area vector [m^2]."""
+
+SHAPE = record(low=("f8", 3), high=("f8", 3), reach="f8", samples="i8", crests_only="i8")
+"""The hull's bounds and its longest edge [m]; the settings of `chord`."""
+
+
+class Surface(NamedTuple):
+    """Tables of a hull, as its block has them."""
+
+    vertices: NDArray[np.void]
+    faces: NDArray[np.void]
+    shape: NDArray[np.void]
+
+
+class Linear(Compiled):
     """Wrench of a hull in a sea by the straight clip; the baseline of all methods.
 
     Exact to round-off where the surface is flat. In waves the surface is replaced by its
     linear interpolation over every triangle, so the error falls with the square of the
-    triangles' size. Stateless: calls may come from several threads.
+    triangles' size.
     """
 
     def __init__(self, hull: Hull, sea: Sea) -> None:
-        self.hull = hull
-        self.sea = sea
-        self._surface = (
-            hull.vertices,
-            hull.faces,
-            hull.area_vectors,
-            hull.bounds,
-            vertex_weights(hull),
-            longest_edge(hull),
-        )
-        self._water = (sea.components, sea.residual_tolerance, sea.level, sea.amplitude)
+        super().__init__(hull, sea)
+        self._surface = surface_tables(hull)
+        self._prepare()
 
-    def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
-        """Force [N] and torque [N m] about the position, world axes: (6,).
+    @classmethod
+    def kernel(cls) -> Kernel:
+        return linear_wrenches
 
-        position: (3,) [m], the hull frame's origin in the world; rotation: (3, 3) or (9,),
-        hull -> world; time [s].
-        """
-        out = np.empty(6)
-        position = np.ascontiguousarray(position, dtype=float)
-        rotation = np.ascontiguousarray(rotation, dtype=float).reshape(3, 3)
-        self._sum(position, rotation, float(time), out)  # one layout, one set of kernels
-        out *= -self.sea.density * self.sea.gravity
-        return out
-
-    def _sum(self, position: Array, rotation: Array, time: float, out: Array) -> None:
-        """The wrench over - density gravity into out."""
-        linear_wrench(*self._surface, *self._water, position, rotation, time, out)
+    @classmethod
+    def parts(cls, methods: Sequence[Self], places: Sequence[Place], count: int) -> list[Part]:
+        """One for each method, with the places of all the hulls that have it."""
+        found: dict[int, tuple[Self, list[tuple[int, int]]]] = {}
+        for method, place in zip(methods, places, strict=True):
+            found.setdefault(id(method), (method, []))[1].append((place.pose, place.row))
+        return [
+            Part(
+                packed(*method._surface, method.sea.components, method.sea.water),
+                read_only(np.array(of_method, PLACE)),
+            )
+            for method, of_method in found.values()
+        ]
 
 
 def corner_shares(corners: Array, area_vectors: Array) -> Array:
@@ -71,62 +87,60 @@ def corner_shares(corners: Array, area_vectors: Array) -> Array:
     return shares
 
 
-def vertex_weights(hull: Hull) -> Array:
-    """(V, 6): A_v and B_v of the module's docstring, body frame."""
-    weights = np.zeros((len(hull.vertices), 6))
-    shares = corner_shares(hull.vertices[hull.faces], hull.area_vectors)
-    np.add.at(weights, hull.faces.ravel(), shares.reshape(-1, 6))
-    return weights
-
-
-def longest_edge(hull: Hull) -> float:
+def surface_tables(hull: Hull) -> Surface:
+    """A hull's vertices, faces and shape."""
     corners = hull.vertices[hull.faces]
-    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+    vertices = np.zeros(len(hull.vertices), VERTEX)
+    vertices["x"], vertices["y"], vertices["z"] = hull.vertices.T
+    shares = corner_shares(corners, hull.area_vectors)
+    np.add.at(vertices["weights"], hull.faces.ravel(), shares.reshape(-1, 6))
+    faces = np.zeros(len(hull.faces), FACE)
+    faces["a"], faces["b"], faces["c"] = hull.faces.T
+    faces["area_x"], faces["area_y"], faces["area_z"] = hull.area_vectors.T
+    shape = np.zeros(1, SHAPE)
+    shape["low"], shape["high"] = hull.bounds
+    shape["reach"] = sides(corners).max()
+    return Surface(vertices, faces, shape)
 
 
-@njit(inline="always")
-def placed(point, position, rotation):
-    """World coordinates of a point given in the body frame."""
-    r, a, b, c = rotation, point[0], point[1], point[2]
-    return (
-        position[0] + (r[0, 0] * a + r[0, 1] * b + r[0, 2] * c),
-        position[1] + (r[1, 0] * a + r[1, 1] * b + r[1, 2] * c),
-        position[2] + (r[2, 0] * a + r[2, 1] * b + r[2, 2] * c),
-    )
+@inline
+def unpacked(block):
+    """Surface, waves and water of a block."""
+    surface = Surface(table(block, 0, VERTEX), table(block, 1, FACE), table(block, 2, SHAPE))
+    return surface, table(block, 3, WAVE), table(block, 4, WATER)
 
 
 @kernel
-def heads_at_vertices(
-    vertices, reach, components, tolerance, level, amplitude, position, rotation, time, heads
-):
-    """Heads (V,) [m] of the vertices and how many of them are wet.
+def heads_at_vertices(surface, waves, water, position, rotation, time, heads_out):
+    """Heads (V,) [m] of the vertices; returns how many of them are wet.
 
-    A vertex higher above the highest crest than an edge is long (reach [m]) touches no triangle
-    that the water could: it gets the head below that crest and no elevation is solved.
+    A vertex higher above the highest crest than an edge is long touches no triangle that the water
+    could: it gets the head below that crest and no elevation is solved.
     """
-    count = vertices.shape[0]
-    x, y, heights = np.empty(count), np.empty(count), np.empty(count)
+    count, crest = surface.vertices.size, water[0].level + water[0].amplitude
+    reach = surface.shape[0].reach
+    x, y, z, heads = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
     chosen = np.empty(count, np.int64)
     active = 0
     for v in range(count):
-        x[active], y[active], z = placed(vertices[v], position, rotation)
-        heads[v] = level + amplitude - z
+        vertex = surface.vertices[v]
+        x[active], y[active], z[active] = placed(vertex.x, vertex.y, vertex.z, position, rotation)
+        heads_out[v] = crest - z[active]
         chosen[active] = v
-        active += not heads[v] < -reach
-    solve_heights(x[:active], y[:active], components, time, tolerance, heights[:active])
+        active += not heads_out[v] < -reach
+    solve_heads(x[:active], y[:active], z[:active], waves, water, time, heads[:active])
     wet = 0
     for i in range(active):
-        v = chosen[i]
-        heads[v] += heights[i] - amplitude
-        wet += not heads[v] <= 0.0
+        heads_out[chosen[i]] = heads[i]
+        wet += not heads[i] <= 0.0
     return wet
 
 
-@njit(inline="always")
+@inline
 def odd_corner_first(face, heads):
     """Whether the water cuts a face, and its corners turned so that the odd one, the only wet
     or the only dry one, comes first."""
-    a, b, c = face[0], face[1], face[2]
+    a, b, c = face.a, face.b, face.c
     wet_a, wet_b, wet_c = heads[a] > 0.0, heads[b] > 0.0, heads[c] > 0.0
     if wet_a == wet_c:
         a, b, c = b, c, a
@@ -136,78 +150,75 @@ def odd_corner_first(face, heads):
 
 
 @kernel
-def subtract_dry_parts(vertices, faces, area_vectors, heads, out):
-    """Take from the sums over wet vertices, out (6,), what the clip removes from cut triangles."""
-    for f in range(faces.shape[0]):
-        is_cut, a, b, c = odd_corner_first(faces[f], heads)
+def subtract_dry_parts(surface, heads, sums_out):
+    """Take from the sums over wet vertices (6,) what the clip removes from cut triangles."""
+    for f in range(surface.faces.size):
+        face = surface.faces[f]
+        is_cut, a, b, c = odd_corner_first(face, heads)
         if not is_cut:
             continue
-        va, vb, vc = vertices[a], vertices[b], vertices[c]
+        p, q, r = surface.vertices[a], surface.vertices[b], surface.vertices[c]
         share, mx, my, mz = clip_dry_part(
-            va[0], va[1], va[2], vb[0], vb[1], vb[2], vc[0], vc[1], vc[2],
-            heads[a], heads[b], heads[c],
-        )  # fmt: skip
-        sx, sy, sz = area_vectors[f, 0], area_vectors[f, 1], area_vectors[f, 2]
-        tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
-        out[0] -= share * sx
-        out[1] -= share * sy
-        out[2] -= share * sz
-        out[3] -= tx
-        out[4] -= ty
-        out[5] -= tz
+            p.x, p.y, p.z, q.x, q.y, q.z, r.x, r.y, r.z, heads[a], heads[b], heads[c]
+        )
+        tx, ty, tz = cross(mx, my, mz, face.area_x, face.area_y, face.area_z)
+        sums_out[0] -= share * face.area_x
+        sums_out[1] -= share * face.area_y
+        sums_out[2] -= share * face.area_z
+        sums_out[3] -= tx
+        sums_out[4] -= ty
+        sums_out[5] -= tz
 
 
 @kernel
-def sum_wet_body_frame(vertices, faces, area_vectors, weights, heads, wet, out):
-    """Sum (6,) over - density gravity into out, body frame, from the heads of all vertices."""
+def wet_sums(surface, heads, wet, sums_out):
+    """Sums (6,) of the wet surface over - density gravity, body frame, from the heads of all
+    vertices."""
     # A uniform head on a closed surface adds nothing. Deep under water taking it off
     # keeps the sum free of the round-off of large numbers that cancel.
-    datum = heads[0] if wet == vertices.shape[0] else 0.0
-    for v in range(vertices.shape[0]):
+    datum = heads[0] if wet == heads.size else 0.0
+    sums_out[:] = 0.0
+    for v in range(heads.size):
         head = heads[v] - datum if not heads[v] <= 0.0 else 0.0
+        weights = surface.vertices[v].weights
         for j in range(6):
-            out[j] += head * weights[v, j]
-    if wet < vertices.shape[0]:
-        subtract_dry_parts(vertices, faces, area_vectors, heads, out)
+            sums_out[j] += head * weights[j]
+    if wet < heads.size:
+        subtract_dry_parts(surface, heads, sums_out)
 
 
-@kernel
-def lowest_height(bounds, position, rotation):
-    """Height [m] that no point of a box turned into the world lies below."""
+@inline
+def is_above_crests(shape, water, position, rotation):
+    """Whether no point of the hull's box, turned into the world, is below the highest crest."""
     height = position[2]
     for j in range(3):
-        height += min(rotation[2, j] * bounds[0, j], rotation[2, j] * bounds[1, j])
-    return height
+        height += min(rotation[6 + j] * shape[0].low[j], rotation[6 + j] * shape[0].high[j])
+    return height > water[0].level + water[0].amplitude
 
 
-@kernel
-def turned_into_world(rotation, body, out):
-    """Turn force and torque (6,) from the body frame into world axes."""
+@inline
+def write_turned(sums, rotation, scale, wrench_out):
+    """Sums (6,) in the body frame as a wrench (6,) in world axes, scaled; rotation: (9,)."""
     for i in range(3):
-        out[i] = 0.0
-        out[3 + i] = 0.0
+        force, torque = 0.0, 0.0
         for j in range(3):
-            out[i] += rotation[i, j] * body[j]
-            out[3 + i] += rotation[i, j] * body[3 + j]
+            force += rotation[3 * i + j] * sums[j]
+            torque += rotation[3 * i + j] * sums[3 + j]
+        wrench_out[i], wrench_out[3 + i] = scale * force, scale * torque
 
 
 @kernel
-def linear_wrench(
-    vertices, faces, area_vectors, bounds, weights, longest_edge,
-    components, tolerance, level, amplitude,
-    position, rotation, time, out,
-):  # fmt: skip
-    """Wrench (6,) over - density gravity into out, world axes, torque about the position."""
-    out[:] = 0.0
-    if lowest_height(bounds, position, rotation) > level + amplitude:
-        return
-    heads = np.empty(vertices.shape[0])
-    wet = heads_at_vertices(
-        vertices, longest_edge, components, tolerance, level, amplitude, position, rotation, time,
-        heads,
-    )  # fmt: skip
-    if wet == 0:
-        return
-    body = np.zeros(6)
-    sum_wet_body_frame(vertices, faces, area_vectors, weights, heads, wet, body)
-    turned_into_world(rotation, body, out)
+def linear_wrenches(block, places, positions, rotations, time, wrenches_out):
+    """See `Compiled`."""
+    surface, waves, water = unpacked(block)
+    heads, sums = np.empty(surface.vertices.size), np.empty(6)
+    for i in range(places.size):
+        position, rotation = positions[places[i].pose], rotations[places[i].pose]
+        wrench = wrenches_out[places[i].row]
+        wrench[:] = 0.0
+        if is_above_crests(surface.shape, water, position, rotation):
+            continue
+        wet = heads_at_vertices(surface, waves, water, position, rotation, time, heads)
+        if wet > 0:
+            wet_sums(surface, heads, wet, sums)
+            write_turned(sums, rotation, water[0].scale, wrench)

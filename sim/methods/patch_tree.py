@@ -10,20 +10,20 @@ times its moments, exactly. Everything here happens once, in plain NumPy.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from sim.gerstner import COMPONENT_COLUMNS
+from sim.geometry import area_vectors, sides, split_triangles
 from sim.hull import Hull
+from sim.kernels import record
 from sim.methods.linear import corner_shares
 from sim.triangle import gauss_rule
 
 Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
+Table = NDArray[np.void]
 
 LEAF_TRIANGLES = LEAF_VERTICES = 24
 """A node with no more of them is not divided further: fewer make a deeper tree and more leaves on
@@ -57,62 +57,47 @@ MONOMIALS = LINEAR + BENDING
 QUADRATICS = 8
 """The six quadratic coefficients and two zeros, which make them a vector."""
 
-# Parts of a triangle's code (see triangle_codes): bits for a corner, a mask for one, and where the
-# set of corners begins.
 CORNER_BITS = 5
+"""Bits for a corner in a triangle's code (see `triangle_codes`)."""
+
 CORNER = (1 << CORNER_BITS) - 1
+"""Mask for one of them."""
+
 CORNER_SET = 5 * CORNER_BITS
+"""Where the set of corners begins in a triangle's code."""
 
-# Where a leaf's record has what (see PatchTree.leaf_records).
-WEIGHTS = 3 * LEAF_VERTICES
-BENDS = WEIGHTS + 6 * LEAF_VERTICES
-MIDDLE = BENDS + 6 * QUADRATICS
-RECORD = MIDDLE + 8
+PATCH = record(x="f8", y="f8", z="f8", radius="f8", first="i8", end="i8")
+"""Centre and radius [m] of a patch in the body frame, its first node and where its nodes end."""
 
-CACHE_LINE = 64
-"""Bytes."""
+NODE = record(
+    x="f8", y="f8", z="f8", half_x="f8", half_y="f8", half_z="f8", after="i8", leaf="i8"
+)  # fmt: skip
+"""A node's bounding box [m], its middle from the patch's centre and its half sides, the node after
+its subtree and the number of its leaf, -1 for other nodes. All a walk needs is one line of the
+cache."""
 
-# Columns of PatchTree.nodes after the box: a node's numbers are kept as reals so that all a walk
-# needs of it is one line of the cache.
-AFTER, LEAF = 6, 7
+MOMENTS = record(linear=("f8", (6, LINEAR)), bending=("f4", (6, BENDING)))
+"""A node's moments, by group of monomials."""
 
-# Columns of a fleet's instances: the patches' first and end, the rows of the pose and of the
-# wrench, and the tree that it is an instance of.
-FIRST, END, POSE, ROW, TREE = range(5)
+LEAF = record(
+    x=("f8", LEAF_VERTICES), y=("f8", LEAF_VERTICES), z=("f8", LEAF_VERTICES),
+    weights=("f8", (6, LEAF_VERTICES)), bends=("f8", (6, QUADRATICS)),
+    middle_x="f8", middle_y="f8", middle_z="f8",
+    triangles=("i8", LEAF_TRIANGLES), fills_lines=("f8", 5),
+)  # fmt: skip
+"""A leaf: places of its vertices from the patch's centre [m] and their weights as in `linear`, the
+last ones of no weight; bends, what the quadratic coefficients at the leaf's middle add to the
+vertex sum when all of the leaf is wet; triangles as `triangle_codes` has them, 0 for none."""
 
 
-@dataclass(frozen=True)
-class PatchTree:
-    """A hull cut into patches of a given radius; lengths in metres, body frame.
+class PatchTree(NamedTuple):
+    """A hull cut into patches of a given radius: tables of PATCH, NODE, MOMENTS and LEAF. Nodes
+    come in the order of a walk that opens all, moments beside them."""
 
-    patches: (P, 4), centre and radius; patch_nodes (P, 2), first node and end. Nodes come in
-    the order of a walk that opens all: nodes (N, 8), the bounding box's middle from the
-    patch's centre, its half sides, the node AFTER the subtree and the number of the LEAF, -1 for
-    other nodes. Their moments by monomial group: linear_moments (N, 6, LINEAR) and bending_moments
-    (N, 6, BENDING). Of the L leaves: places (L, 3, LEAF_VERTICES) of the vertices from the patch's
-    centre and their weights (L, 6, LEAF_VERTICES) as in `linear`, the last ones of no weight;
-    bends (L, 6, QUADRATICS), what the quadratic coefficients at the leaf's middle (L, 3) add to the
-    vertex sum when all of the leaf is wet; triangles (L, LEAF_TRIANGLES), as `triangle_codes`
-    has them, 0 for none.
-    """
-
-    patches: Array
-    nodes: Array
-    linear_moments: Array
-    places: Array
-    weights: Array
-    bends: Array
-    middles: Array
-    bending_moments: Singles
-    patch_nodes: Integers
-    triangles: Integers
-
-    def leaf_records(self) -> Array:
-        """All reals of a leaf in one row (L, RECORD), for the cache's sake."""
-        parts = (self.places, self.weights, self.bends, self.middles)
-        records = np.zeros((len(self.places), RECORD))
-        records[:, : MIDDLE + 3] = np.hstack([part.reshape(len(part), -1) for part in parts])
-        return records
+    patches: Table
+    nodes: Table
+    moments: Table
+    leaves: Table
 
 
 def triangle_codes(corners: Integers) -> Integers:
@@ -127,28 +112,17 @@ def triangle_codes(corners: Integers) -> Integers:
 def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
     """Cut a hull into patches of at most a radius [m], its triangles split until no edge is longer
     than `edge` [m] or the radius. Raises ValueError when that makes too many triangles."""
-    return _Builder(_split(hull.vertices[hull.faces], min(edge, radius)), radius).tree()
-
-
-def _split(corners: Array, edge: float) -> Array:
-    """Halve triangles (N, 3, 3) across their longest side until none is longer than `edge`."""
-    done = []
-    while len(corners):
-        sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        longest = sides.argmax(axis=1)
-        long = sides.max(axis=1) > edge
-        done.append(corners[~long])
-        if 2 * np.count_nonzero(long) + sum(map(len, done)) > MAX_TRIANGLES:
-            raise ValueError(
-                f"the tolerance asks for triangles with edges below {edge:.3g} m, more than "
-                f"{MAX_TRIANGLES} on this hull; ask for a larger tolerance or a calmer sea"
-            )
-        # turned so that the longest side comes first: a b is halved at m, c stays
-        turn = (longest[long, None] + np.arange(3)) % 3
-        a, b, c = np.moveaxis(np.take_along_axis(corners[long], turn[:, :, None], axis=1), 1, 0)
-        m = 0.5 * (a + b)
-        corners = np.concatenate([np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)])
-    return np.concatenate(done)
+    edge = min(edge, radius)
+    try:
+        corners = split_triangles(
+            hull.vertices[hull.faces], lambda c: sides(c).max(axis=1) > edge, MAX_TRIANGLES
+        )
+    except ValueError as error:
+        raise ValueError(
+            f"the tolerance asks for triangles with edges below {edge:.3g} m, {error} "
+            "on this hull; ask for a larger tolerance or a calmer sea"
+        ) from None
+    return _Builder(corners, radius).tree()
 
 
 def monomials(d: Array) -> Array:
@@ -238,40 +212,48 @@ class _Builder:
         self.corners = corners
         self.radius = radius
         self.middles = corners.mean(axis=1)
-        a, b, c = np.moveaxis(corners, 1, 0)
-        self.area_vectors = 0.5 * np.cross(b - a, c - a)
+        self.area_vectors = area_vectors(corners)
         self.sizes = np.maximum(np.linalg.norm(self.area_vectors, axis=1), TINY)
         self.shares = corner_shares(corners, self.area_vectors)
         self.points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         self.numbers = numbers.reshape(-1, 3)
-        self.nodes: list[list[float]] = []
+        self.boxes: list[tuple[Array, Array]] = []
+        self.afters: list[int] = []
+        self.leaf_numbers: list[int] = []
         self.node_moments: list[Array] = []
         self.leaves: list[tuple[Array, Array, Array, Array, Integers]] = []
 
     def tree(self) -> PatchTree:
-        patches = list(self._patches(np.arange(len(self.corners))))
+        found = list(self._patches(np.arange(len(self.corners))))
         centres = np.empty((len(self.corners), 3))
-        for chosen, centre, _ in patches:
+        for chosen, centre, _ in found:
             centres[chosen] = centre
         self.moments = triangle_moments(self.corners, self.area_vectors, centres)
-        first = []
-        for chosen, centre, _ in patches:
-            first.append(len(self.nodes))
+        patches = np.zeros(len(found), PATCH)
+        for patch, (chosen, centre, radius) in zip(patches, found, strict=True):
+            patch["first"] = len(self.boxes)
             self._grow(chosen, centre)
-        moments = np.array(self.node_moments)
+            patch["x"], patch["y"], patch["z"] = centre
+            patch["radius"], patch["end"] = radius, len(self.boxes)
+        return PatchTree(patches, *self._node_tables(), self._leaf_table())
+
+    def _node_tables(self) -> tuple[Table, Table]:
+        nodes, moments = np.zeros(len(self.boxes), NODE), np.zeros(len(self.boxes), MOMENTS)
+        middles, halves = (np.array(part).T for part in zip(*self.boxes, strict=True))
+        nodes["x"], nodes["y"], nodes["z"] = middles
+        nodes["half_x"], nodes["half_y"], nodes["half_z"] = halves
+        nodes["after"], nodes["leaf"] = self.afters, self.leaf_numbers
+        of_nodes = np.array(self.node_moments)
+        moments["linear"], moments["bending"] = np.split(of_nodes, [LINEAR], axis=2)
+        return nodes, moments
+
+    def _leaf_table(self) -> Table:
+        leaves = np.zeros(len(self.leaves), LEAF)
         places, weights, bends, middles, triangles = map(np.array, zip(*self.leaves, strict=True))
-        return PatchTree(
-            patches=np.array([[*centre, radius] for _, centre, radius in patches]),
-            nodes=np.array(self.nodes),
-            linear_moments=moments[:, :, :LINEAR],
-            places=places,
-            weights=weights,
-            bends=bends,
-            middles=middles,
-            bending_moments=moments[:, :, LINEAR:].astype(np.float32),
-            patch_nodes=np.column_stack([first, [*first[1:], len(self.nodes)]]),
-            triangles=triangles,
-        )
+        leaves["x"], leaves["y"], leaves["z"] = np.moveaxis(places, 1, 0)
+        leaves["weights"], leaves["bends"], leaves["triangles"] = weights, bends, triangles
+        leaves["middle_x"], leaves["middle_y"], leaves["middle_z"] = middles.T
+        return leaves
 
     def _patches(self, chosen: Integers) -> Iterator[tuple[Integers, Array, float]]:
         """Divide triangles until they fit a patch: its triangles, centre and radius."""
@@ -305,15 +287,17 @@ class _Builder:
     def _grow(self, chosen: Integers, centre: Array) -> Array:
         """Add the node of triangles within a patch and, behind it, its subtree; returns its
         moments (6, MONOMIALS)."""
-        node = len(self.nodes)
+        node = len(self.boxes)
         points = self.corners[chosen].reshape(-1, 3) - centre
         low, high = points.min(axis=0), points.max(axis=0)
         middle = 0.5 * (low + high)
-        self.nodes.append([*middle, *(0.5 * (high - low)), 0.0, -1.0])
+        self.boxes.append((middle, 0.5 * (high - low)))
+        self.afters.append(0)
+        self.leaf_numbers.append(-1)
         self.node_moments.append(np.zeros(0))
         vertices = np.unique(self.numbers[chosen]) if len(chosen) <= LEAF_TRIANGLES else ()
         if 0 < len(vertices) <= LEAF_VERTICES:
-            self.nodes[node][LEAF] = len(self.leaves)
+            self.leaf_numbers[node] = len(self.leaves)
             moments = self._add_leaf(chosen, vertices, middle, centre)
         else:
             order = np.argsort(self._along(chosen), kind="stable")
@@ -321,7 +305,7 @@ class _Builder:
             near = len(chosen) * (leaves // 2) // leaves  # so that leaves become full
             moments = self._grow(chosen[np.sort(order[:near])], centre)
             moments = moments + self._grow(chosen[np.sort(order[near:])], centre)
-        self.nodes[node][AFTER] = len(self.nodes)
+        self.afters[node] = len(self.boxes)
         self.node_moments[node] = moments
         return moments
 
@@ -348,81 +332,14 @@ class _Builder:
 
 def joined(trees: Sequence[PatchTree]) -> PatchTree:
     """Several trees as one, patches in order, with all indices moved accordingly."""
-    arrays: dict[str, list[NDArray]] = {field.name: [] for field in fields(PatchTree)}
-    nodes = leaves = 0
+    moved, nodes, leaves = [], 0, 0
     for tree in trees:
-        for name, blocks in arrays.items():
-            blocks.append(getattr(tree, name))
-        moved = tree.nodes.copy()
-        moved[:, AFTER] += nodes
-        moved[moved[:, LEAF] >= 0.0, LEAF] += leaves
-        arrays["nodes"][-1] = moved
-        arrays["patch_nodes"][-1] = tree.patch_nodes + nodes
+        patches, of_tree = tree.patches.copy(), tree.nodes.copy()
+        patches["first"] += nodes
+        patches["end"] += nodes
+        of_tree["after"] += nodes
+        of_tree["leaf"][of_tree["leaf"] >= 0] += leaves
+        moved.append(PatchTree(patches, of_tree, tree.moments, tree.leaves))
         nodes += len(tree.nodes)
-        leaves += len(tree.places)
-    return PatchTree(**{name: np.concatenate(blocks) for name, blocks in arrays.items()})
-
-
-def packed(
-    tree: PatchTree,
-    instances: Integers,
-    components: Array,
-    steps: int,
-    residual: float,
-    level: float,
-    amplitude: float,
-    scale: float,
-) -> tuple[Array, Singles, Integers]:
-    """All that a step needs of a tree, its instances (H, 5) and their seas' components (., W, .)
-    in three arrays: each argument handed to a kernel costs a tenth of a microsecond."""
-    counts = [len(a) for a in (tree.patches, tree.nodes, tree.places, instances)]
-    patches = np.sum(instances[:, END] - instances[:, FIRST])
-    counts += [*components.shape[:2], steps, patches]
-    setting = np.array([residual, level, amplitude, scale])
-    moments = tree.linear_moments
-    reals = (tree.nodes, moments, tree.leaf_records(), tree.patches, components, setting)
-    integers = (tree.triangles, tree.patch_nodes, instances)
-    return (
-        _in_lines(np.concatenate([array.ravel() for array in reals])),
-        _in_lines(tree.bending_moments.ravel()),
-        _in_lines(np.concatenate([counts, *(array.ravel() for array in integers)])),
-    )
-
-
-def _in_lines(array: NDArray) -> NDArray:
-    """A copy that begins where a line of the cache does, and with it each node and leaf; read-only,
-    as a Sea's components are, or kernels would be compiled for both."""
-    room = np.empty(array.nbytes + CACHE_LINE, dtype=np.uint8)
-    first = -room.ctypes.data % CACHE_LINE
-    copy = room[first : first + array.nbytes].view(array.dtype)
-    copy[:] = array
-    copy.setflags(write=False)
-    return copy
-
-
-@njit(inline="always")
-def _block(array, start, rows, columns):
-    end = start + rows * columns
-    return array[start:end].reshape(rows, columns), end
-
-
-@njit(inline="always")
-def unpacked(reals, singles, integers):
-    """From the arrays of `packed` those of PatchTree, a row for each patch, node or leaf, and then
-    instances, components, Newton steps, how many patches the instances have together, residual,
-    level, amplitude and scale."""
-    p, n, leaves = integers[0], integers[1], integers[2]
-    h, seas, waves, steps, most = integers[3], integers[4], integers[5], integers[6], integers[7]
-    nodes, at = _block(reals, 0, n, 8)
-    linear_moments, at = _block(reals, at, n, 6 * LINEAR)
-    records, at = _block(reals, at, leaves, RECORD)
-    patches, at = _block(reals, at, p, 4)
-    components, at = _block(reals, at, seas * waves, COMPONENT_COLUMNS)
-    residual, level, amplitude, scale = reals[at], reals[at + 1], reals[at + 2], reals[at + 3]
-    bending_moments, at = _block(singles, 0, n, 6 * BENDING)
-    triangles, at = _block(integers, 8, leaves, LEAF_TRIANGLES)
-    patch_nodes, at = _block(integers, at, p, 2)
-    instances, at = _block(integers, at, h, 5)
-    tree = patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles
-    components = components.reshape(seas, waves, COMPONENT_COLUMNS)
-    return tree, (instances, components, steps, most, residual, level, amplitude, scale)
+        leaves += len(tree.leaves)
+    return PatchTree(*(np.concatenate(tables) for tables in zip(*moved, strict=True)))

@@ -2,7 +2,7 @@
 
 Over a small region the sea is a cubic: value, two slopes, three curvatures and four third
 derivatives at a point, its *jet*, from one Newton solve. It is not Taylor's cubic, but nearly the
-best one over the region (`Sea.economised`), at the same cost. In the body frame the head above a
+best one over the region (`water.fit`), at the same cost. In the body frame the head above a
 place d from the region's centre is then a polynomial
 
     head(d) = h + G . d + d . Q d / 2 + C(d, d, d) / 6
@@ -13,7 +13,7 @@ is linear in its twenty coefficients, with integrals over that piece as factors,
 known beforehand: its *moments*.
 
 Once, when hull and sea are known, the hull is cut into *patches* small enough for the
-jet to hold to the tolerance (`patch_radius`), each with a tree of nodes below it
+jet to hold to the tolerance (`fit.jet_radius`), each with a tree of nodes below it
 (`patch_tree`). A step is then
 
 1. one jet for each patch, all together (none for a patch above the highest crest);
@@ -30,104 +30,92 @@ the very value of its moments, and forces do not jump when nodes open or close.
 """
 
 from collections.abc import Sequence
-from itertools import product
+from typing import NamedTuple, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from sim.gerstner import (
-    JET_HEIGHT,
-    JET_ROWS,
-    JET_X,
-    JET_XX,
-    JET_XXX,
-    JET_XXY,
-    JET_XY,
-    JET_XYY,
-    JET_Y,
-    JET_YY,
-    JET_YYY,
-    kernel,
-    solve_jets,
-    summing_kernel,
-)
+from sim.geometry import cross, placed
 from sim.hull import Hull
-from sim.methods.crew import Crew
-from sim.methods.linear import placed
+from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
+from sim.methods.linear import write_turned
+from sim.methods.method import Compiled, Kernel, Part, Place, Settings, expect_at_most
 from sim.methods.patch_tree import (
-    AFTER,
     BENDING,
-    BENDS,
     CORNER,
     CORNER_BITS,
     CORNER_SET,
-    END,
-    FIRST,
     LEAF,
     LEAF_TRIANGLES,
     LEAF_VERTICES,
     LINEAR,
-    MIDDLE,
+    MOMENTS,
     MONOMIALS,
-    POSE,
+    NODE,
+    PATCH,
     QUADRATICS,
-    ROW,
-    TREE,
-    WEIGHTS,
+    PatchTree,
     build_tree,
     enclosing_ball,
     joined,
-    packed,
-    unpacked,
+    monomials,
 )
-from sim.sea import Sea
-from sim.triangle import clip_dry_part, cross
+from sim.triangle import clip_dry_part
+from sim.water.fit import DISC, SAFETY, SHIFT, fitted_waves, jet_radius, longest_edge, newton_steps
+from sim.water.gerstner import WATER, WAVE
+from sim.water.head import head
+from sim.water.jets import JET, solve_jets
+from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
+Table = NDArray[np.void]
 
 DEFAULT_TOLERANCE = 1.0 / 250.0
 """Of the hull's longest side. Errors of patches cancel: this much water height leaves less than
 5e-5 of the weight of the displaced water, a third of what linear has on 4000 triangles."""
 
-DISC = 0.65
-"""Jets are economised over a disc of so many radii of the largest patch allowed: seen from above,
-most of a patch is near its middle. The wrench's errors were smallest so, among 0.4 to 1.1."""
+INSTANCE = record(pose="i8", row="i8", first="i8", end="i8", tree="i8")
+"""A hull of a batch: rows of its pose and its wrench, its first patch and where they end, and the
+number of its tree."""
 
-DIRECTIONS, RINGS = 8, (0.25, 0.5, 0.75, 1.0)
-"""Directions and distances, in radii, in which jets are tried on the samples of the sea."""
+SOLVE = record(steps="i8", residual="f8", waves="i8")
+"""Newton steps to a jet and the residual [m] that it may keep; how many waves the sea has."""
 
-RADII = 20
-"""Radii that are tried at most: a tolerance near round-off is met by none, and the number of
-triangles it asks for is refused."""
+CHOSEN = record(patch="i8", instance="i8", pose="i8")
+"""A patch that the water could reach, of an instance with a pose."""
 
-SAFETY = 1.5
-"""The worst place of the sea may be this much worse than the worst sample."""
+POLYNOMIAL = record(c=("f8", MONOMIALS), bound_2="f8", bound_3="f8", fills_lines=("f8", 2))
+"""Coefficients of a head in the body frame around a patch's centre, and bounds on its second and
+third order terms over the second and third power of the distance."""
 
-CARRY = 0.05
-"""A jet may come from a particle so many radii away from the patch's centre: the solve for it then
-ends early, and patches are by that much smaller."""
+FOUND = record(node="i8", chosen="i8")
+"""What a walk finds: a wet node, or the leaf of an opened one, and whose patch it is."""
 
-PARTS_A_THREAD = 3
-"""Parts into which a fleet is cut for each thread: the more, the less one waits for another in the
-end, but each part costs a few microseconds."""
-
-# What a polynomial has behind its coefficients: bounds on its second and third order terms over
-# the second and third power of the distance.
-BOUND_2, BOUND_3 = MONOMIALS, MONOMIALS + 1
-POLYNOMIAL_COLUMNS = 24
+CUT = record(code="i8", opened="i8")
+"""A triangle that the waterline cuts, as `triangle_codes` has it, and the leaf that it is in."""
 
 
-class Patches:
+class Water(NamedTuple):
+    """Tables of the sea, as a block has them: fitted waves for each tree, one after the other."""
+
+    waves: Table
+    water: Table
+    solve: Table
+
+
+class Patches(Compiled):
     """Wrench of a hull in a sea from jets over patches.
 
     tolerance [m of water height]: the elevation inside a patch is right to it, everywhere and
     always; None for DEFAULT_TOLERANCE of the hull's longest side. Raises ValueError for a
-    tolerance that is not positive or asks for too many patches. Stateless between calls;
-    hull and sea are immutable, so what was prepared for them stays true.
+    tolerance that is not positive or asks for too many patches.
 
-    tree: the hull cut for this sea; radius [m]: of the largest patch allowed, inf on flat water.
+    tree: the hull cut for this sea; radius [m]: of the largest patch allowed, inf on flat water;
+    fitted: the sea's components that this hull's jets are made of, those that the radius was found
+    with. Over smaller discs the error may be larger, where a wave is shorter than a patch.
     """
+
+    takes_tolerance = True
 
     def __init__(self, hull: Hull, sea: Sea, tolerance: float | None = None) -> None:
         if tolerance is None:
@@ -136,211 +124,154 @@ class Patches:
             raise ValueError(
                 f"the tolerance is {tolerance} m of water height; it must be finite and above 0"
             )
-        self.hull = hull
-        self.sea = sea
+        super().__init__(hull, sea)
         self.tolerance = float(tolerance)
         corners, sizes = hull.vertices[hull.faces], np.linalg.norm(hull.area_vectors, axis=1)
         _, largest = enclosing_ball(corners, sizes)
-        self.radius = patch_radius(sea, self.tolerance, largest)
+        self.radius = jet_radius(sea, self.tolerance, largest)
         self.tree = build_tree(hull, self.radius, longest_edge(sea, self.tolerance))
-        self._packed = PatchFleet([self], [0], [0]).packed
+        self.fitted = fitted_waves(sea, DISC * self.radius)
+        self._prepare()
 
-    @property
-    def jet_reach(self) -> float:
-        """Distance [m] over which the sea's jets have to hold for this hull."""
-        return float(self.tree.patches[:, 3].max())
+    @classmethod
+    def from_text(cls, hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Self:
+        expect_at_most(1, arguments)
+        return cls(hull, sea, float(arguments[0]) if arguments else settings.tolerance)
 
-    @property
-    def components(self) -> Array:
-        """The sea's components that this hull's jets are made of: those that the radius was found
-        with. Over smaller discs the error may be larger, where a wave is shorter than a patch."""
-        return self.sea.economised(DISC * self.radius)
+    @classmethod
+    def kernel(cls) -> Kernel:
+        return patches_wrenches
 
-    def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
-        """Force [N] and torque [N m] about the position, world axes: (6,).
-
-        position: (3,) [m], the hull frame's origin in the world; rotation: (3, 3) or (9,),
-        hull -> world; time [s].
-        """
-        positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
-        rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
-        out = np.zeros((1, 6))
-        fleet_wrenches(*self._packed, positions, rotations, float(time), out)
-        return out[0]
-
-
-class PatchFleet:
-    """Several hulls in one sea, computed in one call; those with the same tree share it.
-
-    methods: Patches, all for the same sea; poses: for each the row of its pose in the arrays
-    given to `add_wrenches`; rows: its row in what that adds to (several may have the same);
-    threads: how many, with the caller's own, share the hulls. The result is the same to the bit.
-    """
-
-    def __init__(
-        self,
-        methods: Sequence[Patches],
-        poses: Sequence[int],
-        rows: Sequence[int],
-        threads: int = 1,
-    ) -> None:
+    @classmethod
+    def parts(cls, methods: Sequence[Self], places: Sequence[Place], count: int) -> list[Part]:
+        """Hulls with the same tree share it; all parts share one block. Raises ValueError for hulls
+        of different seas."""
         sea = methods[0].sea
         if any(method.sea is not sea for method in methods):
-            raise ValueError("the hulls of a fleet float in one sea; make a fleet for each sea")
-        of_trees = {id(method.tree): method for method in methods}
-        trees = [method.tree for method in of_trees.values()]
-        components = np.stack([method.components for method in of_trees.values()])
-        first = np.cumsum([0] + [len(tree.patches) for tree in trees])
-        which = [list(of_trees).index(id(method.tree)) for method in methods]
+            raise ValueError("the hulls of a batch float in one sea; make a batch for each sea")
+        of_trees = list({id(method.tree): method for method in methods}.values())
+        numbers = {id(method.tree): i for i, method in enumerate(of_trees)}
+        first = np.cumsum([0] + [len(method.tree.patches) for method in of_trees])
+        which = [numbers[id(method.tree)] for method in methods]
         instances = np.array(
             [
-                [first[w], first[w + 1], pose, row, w]
-                for w, pose, row in zip(which, poses, rows, strict=True)
-            ]
+                (place.pose, place.row, first[w], first[w + 1], w)
+                for w, place in zip(which, places, strict=True)
+            ],
+            INSTANCE,
         )
+        residual = SHIFT * min(method.tree.patches["radius"].max() for method in methods)
+        steps, _ = newton_steps(sea, residual / SAFETY)
+        solve = np.array([(steps, residual, len(sea.components))], SOLVE)
+        waves = np.concatenate([method.fitted for method in of_trees])
+        block = packed(*joined([m.tree for m in of_trees]), waves, sea.water, solve)
         instances = instances[np.argsort(which, kind="stable")]
-        residual = CARRY * min(method.jet_reach for method in methods)
-        steps, _ = sea.newton_steps(residual / SAFETY)
-        scale = -sea.density * sea.gravity
-        setting = (components, steps, residual, sea.level, sea.amplitude, scale)
-        tree = joined(trees)
-        self.packed = packed(tree, instances, *setting)
-        self._crew: Crew | None = None
-        parts = parts_of(instances, threads)
-        if len(parts) > 1:
-            self._parts = [packed(tree, part, *setting)[2] for part in parts]
-            self._crew = Crew(min(threads, len(parts)) - 1)
+        dealt = [instances[i::count] for i in range(min(count, len(instances)))]
+        dealt.sort(key=lambda part: -np.sum(part["end"] - part["first"]))
+        return [Part(block, read_only(np.ascontiguousarray(part))) for part in dealt]
 
-    def add_wrenches(self, positions: Array, rotations: Array, time: float, out: Array) -> None:
-        """Add each hull's wrench, as of `Patches.wrench`, to its row of out (., 6), for its pose
-        among positions (., 3) [m] and rotations (., 9)."""
-        if self._crew is None:
-            fleet_wrenches(*self.packed, positions, rotations, time, out)
-            return
-        reals, singles, _ = self.packed
-
-        def add(part: NDArray[np.int64]) -> None:
-            fleet_wrenches(reals, singles, part, positions, rotations, time, out)
-
-        self._crew.share(add, self._parts)
-
-
-def parts_of(instances: NDArray[np.int64], threads: int) -> list[NDArray[np.int64]]:
-    """The instances (H, 5) of a fleet in parts for so many threads, the largest first; those that
-    add to the same row stay together, in order."""
-    if threads == 1:
-        return [instances]
-    rows, turns = np.unique(instances[:, ROW], return_inverse=True)
-    count = min(PARTS_A_THREAD * threads, len(rows))
-    parts = [instances[turns % count == i] for i in range(count)]
-    return sorted(parts, key=lambda part: -np.sum(part[:, END] - part[:, FIRST]))
+    def heads_at_vertices(
+        self, position: ArrayLike, rotation: ArrayLike, time: float
+    ) -> tuple[Array, Array]:
+        """What the patches take for the heads at the vertices of all their triangles, for looking
+        at their error: places (N, 3) [m] in the world and heads (N,) [m] there, NaN above the
+        highest crest."""
+        positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
+        rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
+        chosen, reached = reached_polynomials(*self._alone, positions, rotations, float(time))
+        patches, leaves = self.tree.patches, self.tree.leaves
+        coefficients = np.full((len(patches), MONOMIALS), np.nan)
+        coefficients[chosen["patch"]] = reached["c"]
+        patch = np.searchsorted(
+            patches["end"], np.flatnonzero(self.tree.nodes["leaf"] >= 0), side="right"
+        )
+        places = np.stack([leaves[axis] for axis in "xyz"], axis=-1)
+        heads = np.einsum("lvm,lm->lv", monomials(places), coefficients[patch])
+        centres = np.stack([patches[axis][patch] for axis in "xyz"], axis=-1)
+        places = (places + centres[:, None]).reshape(-1, 3) @ rotations.reshape(3, 3).T
+        return places + positions, heads.ravel()
 
 
-def patch_radius(sea: Sea, tolerance: float, largest: float) -> float:
-    """Radius [m] up to which an economised jet of the sea is right to the tolerance [m], at most
-    `largest` [m]; inf on flat water.
-
-    A bound from the fourth derivatives would do as well, but where many waves would have to
-    conspire it asks for several times too many patches. So jets are tried where particles
-    are, all phases alike, and the worst error found, times SAFETY, has to pass.
-    """
-    if not sea.components.size:
-        return np.inf
-    x, y = sea.sample_places()
-    jets = np.empty((JET_ROWS, x.size))
-    radius = largest
-    for _ in range(RADII):
-        components = sea.economised(DISC * radius)
-        solve_jets(x, y, components, 0.0, sea.residual_tolerance, 0, jets)
-        error = SAFETY * jet_error(sea, x, y, jets, (1.0 + CARRY) * radius)
-        if error <= tolerance:
-            break
-        # error ~ radius^4 where it is small; a hair less, so that the next try passes
-        radius *= 0.99 * (tolerance / error) ** 0.25
-    return radius
+@inline
+def tree_of(block):
+    """Tables of the hulls of a block."""
+    return PatchTree(
+        table(block, 0, PATCH),
+        table(block, 1, NODE),
+        table(block, 2, MOMENTS),
+        table(block, 3, LEAF),
+    )
 
 
-def jet_error(sea: Sea, x: Array, y: Array, jets: Array, radius: float) -> float:
-    """Largest error [m] of the jets at places x, y, up to a radius away from them."""
-    angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    worst = 0.0
-    for ring, angle in product(RINGS, angles):
-        dx, dy = ring * radius * np.cos(angle), ring * radius * np.sin(angle)
-        head = jets[JET_HEIGHT] + dx * jets[JET_X] + dy * jets[JET_Y]
-        head += 0.5 * (dx * dx * jets[JET_XX] + dy * dy * jets[JET_YY]) + dx * dy * jets[JET_XY]
-        head += (dx**3 * jets[JET_XXX] + dy**3 * jets[JET_YYY]) / 6.0
-        head += 0.5 * dx * dy * (dx * jets[JET_XXY] + dy * jets[JET_XYY])
-        found = sea.elevation(x + dx, y + dy, 0.0) - sea.level
-        worst = max(worst, float(np.abs(found - head).max()))
-    return worst
+@inline
+def water_of(block):
+    """Tables of the sea of a block."""
+    return Water(table(block, 4, WAVE), table(block, 5, WATER), table(block, 6, SOLVE))
 
 
-def longest_edge(sea: Sea, tolerance: float) -> float:
-    """Edge [m] up to which a surface linear over a triangle is right to the tolerance [m].
-
-    Linear interpolation within a circle of radius r misses M r^2 / 2, M being the largest second
-    derivative (of the samples, times SAFETY), and r is at most the edge over the root of 3.
-    """
-    if not sea.components.size:
-        return np.inf
-    hessians = sea.hessian(*sea.sample_places(), 0.0)
-    largest = SAFETY * float(np.abs(np.linalg.eigvalsh(hessians)).max())
-    return np.sqrt(6.0 * tolerance / largest) if largest > 0.0 else np.inf
+@kernel
+def most_patches(instances):
+    """How many patches the instances have together."""
+    count = 0
+    for i in range(instances.size):
+        count += instances[i].end - instances[i].first
+    return count
 
 
 @kernel
 def reachable_patches(
-    patches, patch_nodes, instances, level, amplitude, positions, rotations, places, chosen
+    patches, instances, water, positions, rotations, x_out, y_out, above_out, chosen_out
 ):
-    """Of all patches that the highest crest could reach: centres in the world, the third
-    coordinate above the level, into places (3, .), and chosen (., 3): patch, instance and pose.
-    Returns how many, and how many nodes they have."""
+    """All patches that the highest crest could reach: their centres x, y in the world and height
+    above the level, and who they are. Returns how many, and how many nodes they have."""
     active, nodes = 0, 0
-    for i in range(instances.shape[0]):
-        pose = instances[i, POSE]
-        position, rotation = positions[pose], rotations[pose].reshape(3, 3)
-        for p in range(instances[i, FIRST], instances[i, END]):
-            x, y, z = placed(patches[p], position, rotation)
-            places[0, active], places[1, active], places[2, active] = x, y, z - level
-            chosen[active, 0], chosen[active, 1], chosen[active, 2] = p, i, pose
-            if not z - level > amplitude + patches[p, 3]:
+    level, amplitude = water[0].level, water[0].amplitude
+    for i in range(instances.size):
+        first, end, pose = instances[i].first, instances[i].end, instances[i].pose
+        position, rotation = positions[pose], rotations[pose]
+        for p in range(first, end):
+            patch = patches[p]
+            x, y, z = placed(patch.x, patch.y, patch.z, position, rotation)
+            x_out[active], y_out[active], above_out[active] = x, y, z - level
+            chosen = chosen_out[active]
+            chosen.patch, chosen.instance, chosen.pose = p, i, pose
+            if not z - level > amplitude + patch.radius:
                 active += 1
-                nodes += patch_nodes[p, 1] - patch_nodes[p, 0]
+                nodes += patch.end - patch.first
     return active, nodes
 
 
-@njit(inline="always")
+@inline
 def end_of_tree(start, chosen, instances):
     """Where the run of chosen patches ends that are of the same tree as that at `start`."""
-    tree, end = instances[chosen[start, 1], TREE], start
-    while end < chosen.shape[0] and instances[chosen[end, 1], TREE] == tree:
+    tree, end = instances[chosen[start].instance].tree, start
+    while end < chosen.size and instances[chosen[end].instance].tree == tree:
         end += 1
     return end
 
 
-@njit(inline="always")
+@inline
 def squared(x, y, z):
     """Coefficients of xx, xy, xz, yy, yz, zz in the square of a linear form."""
     return x * x, 2.0 * x * y, 2.0 * x * z, y * y, 2.0 * y * z, z * z
 
 
 @kernel
-def head_polynomials(jets, z, chosen, rotations, polynomials):
-    """Coefficients and bounds (N, POLYNOMIAL_COLUMNS) in the body frame of the heads around the
-    chosen patches' centres, at heights z [m] above the level, from their jets; rotations (., 9):
-    body -> world, for each pose."""
-    for i in range(z.size):
-        r, q = rotations[chosen[i, 2]], polynomials[i]
-        gx, gy = jets[JET_X, i], jets[JET_Y, i]
+def head_polynomials(jets, above, chosen, rotations, polynomials_out):
+    """Polynomials (N,) of the heads around the chosen patches' centres, so far above the level [m],
+    from their jets; rotations (P, 9): body -> world, for each pose."""
+    for i in range(above.size):
+        jet, r, q = jets[i], rotations[chosen[i].pose], polynomials_out[i].c
+        gx, gy = jet.z_x, jet.z_y
         # the horizontal coordinates are the linear forms a . d and b . d
         ax, ay, az, bx, by, bz = r[0], r[1], r[2], r[3], r[4], r[5]
-        q[0] = jets[JET_HEIGHT, i] - z[i]
+        q[0] = head(jet.z, above[i])
         q[1] = gx * ax + gy * bx - r[6]
         q[2] = gx * ay + gy * by - r[7]
         q[3] = gx * az + gy * bz - r[8]
         axx, axy, axz, ayy, ayz, azz = squared(ax, ay, az)
         bxx, bxy, bxz, byy, byz, bzz = squared(bx, by, bz)
-        xx, xy, yy = 0.5 * jets[JET_XX, i], jets[JET_XY, i], 0.5 * jets[JET_YY, i]
+        xx, xy, yy = 0.5 * jet.z_xx, jet.z_xy, 0.5 * jet.z_yy
         q[4] = xx * axx + yy * bxx + xy * ax * bx
         q[5] = xx * axy + yy * bxy + xy * (ax * by + ay * bx)
         q[6] = xx * axz + yy * bxz + xy * (ax * bz + az * bx)
@@ -348,8 +279,8 @@ def head_polynomials(jets, z, chosen, rotations, polynomials):
         q[8] = xx * ayz + yy * byz + xy * (ay * bz + az * by)
         q[9] = xx * azz + yy * bzz + xy * az * bz
         # the cubic is (a . d)^2 (u . d) + (b . d)^2 (v . d)
-        xxx, xxy = jets[JET_XXX, i] / 6.0, 0.5 * jets[JET_XXY, i]
-        xyy, yyy = 0.5 * jets[JET_XYY, i], jets[JET_YYY, i] / 6.0
+        xxx, xxy = jet.z_xxx / 6.0, 0.5 * jet.z_xxy
+        xyy, yyy = 0.5 * jet.z_xyy, jet.z_yyy / 6.0
         ux, uy, uz = xxx * ax + xxy * bx, xxx * ay + xxy * by, xxx * az + xxy * bz
         vx, vy, vz = xyy * ax + yyy * bx, xyy * ay + yyy * by, xyy * az + yyy * bz
         q[10] = axx * ux + bxx * vx
@@ -362,11 +293,11 @@ def head_polynomials(jets, z, chosen, rotations, polynomials):
         q[17] = ayy * uz + ayz * uy + byy * vz + byz * vy
         q[18] = ayz * uz + azz * uy + byz * vz + bzz * vy
         q[19] = azz * uz + bzz * vz
-        q[BOUND_2] = np.sqrt(xx * xx + 0.5 * xy * xy + yy * yy)
-        q[BOUND_3] = np.sqrt(xxx * xxx + (xxy * xxy + xyy * xyy) / 3.0 + yyy * yyy)
+        polynomials_out[i].bound_2 = np.sqrt(xx * xx + 0.5 * xy * xy + yy * yy)
+        polynomials_out[i].bound_3 = np.sqrt(xxx * xxx + (xxy * xxy + xyy * xyy) / 3.0 + yyy * yyy)
 
 
-@njit(inline="always")
+@inline
 def head_and_slope(q, x, y, z):
     """Head at a place and its gradient there."""
     axx = q[4] + x * q[10] + y * q[11] + z * q[12]
@@ -381,112 +312,101 @@ def head_and_slope(q, x, y, z):
     return head, gx, gy, gz
 
 
-# What loops that branch call takes arrays and rows in them, not views of rows: a view is counted as
-# a reference, and there the compiler does not see that it need not be.
-
-
-@njit(inline="always")
-def middle_and_sides(nodes, i):
-    """Of a node's box."""
-    return nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3], nodes[i, 4], nodes[i, 5]
-
-
 @kernel
-def walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened):
-    """Walk the trees of the chosen patches: (node, place in `chosen`) of the surely wet nodes and
-    of the leaves that the waterline may cross, into wet (., 2) and opened (., 2); returns
-    how many of each."""
+def walk(tree, chosen, polynomials, wet_out, opened_out):
+    """Walk the trees of the chosen patches: the surely wet nodes, and the leaves that the waterline
+    may cross, FOUND both; returns how many of each."""
     wet_count, opened_count = 0, 0
-    for i in range(chosen.shape[0]):
-        q, patch = polynomials[i], chosen[i, 0]
+    for i in range(chosen.size):
+        p, patch = polynomials[i], tree.patches[chosen[i].patch]
         # the middle of the box of points in a ball is at most 1.1 radii from the ball's, and so
         # 2.1 from a point: of the cubic around it 3 C(middle, u, u) + C(u, u, u)
-        bend = q[BOUND_2] + (3.0 * 1.1 + 2.1) * patches[patch, 3] * q[BOUND_3]
-        node, end = patch_nodes[patch, 0], patch_nodes[patch, 1]
+        bend = p.bound_2 + (3.0 * 1.1 + 2.1) * patch.radius * p.bound_3
+        node, end = patch.first, patch.end
         while node < end:
-            x, y, z, u, v, w = middle_and_sides(nodes, node)
-            head, gx, gy, gz = head_and_slope(q, x, y, z)
+            box = tree.nodes[node]
+            u, v, w = box.half_x, box.half_y, box.half_z
+            value, gx, gy, gz = head_and_slope(p.c, box.x, box.y, box.z)
             slack = abs(gx) * u + abs(gy) * v + abs(gz) * w + bend * (u * u + v * v + w * w)
-            if head <= -slack:
-                node = int(nodes[node, AFTER])
-            elif head >= slack:
-                wet[wet_count, 0], wet[wet_count, 1] = node, i
+            if value <= -slack:
+                node = box.after
+            elif value >= slack:
+                wet_out[wet_count].node, wet_out[wet_count].chosen = node, i
                 wet_count += 1
-                node = int(nodes[node, AFTER])
+                node = box.after
             else:
-                if nodes[node, LEAF] >= 0.0:
-                    opened[opened_count, 0], opened[opened_count, 1] = int(nodes[node, LEAF]), i
+                if box.leaf >= 0:
+                    opened = opened_out[opened_count]
+                    opened.node, opened.chosen = box.leaf, i
                     opened_count += 1
                 node += 1
     return wet_count, opened_count
 
 
-@njit(inline="always")
-def add_products(factors, first, count, rows, n, column, body, at):
-    """Add the products of a (6, count) block of row n, from a column on, with a vector's part to
-    the sums of an instance."""
-    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # in registers, unlike body
+@inline
+def add_products(factors, first, count, rows, sums_out, at):
+    """Add the products of a (6, count) array with a vector's part to the sums of an instance."""
+    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # in registers, unlike the sums
     for i in range(count):
-        f, j = factors[first + i], column + i
-        b0 += f * rows[n, j]
-        b1 += f * rows[n, j + count]
-        b2 += f * rows[n, j + 2 * count]
-        b3 += f * rows[n, j + 3 * count]
-        b4 += f * rows[n, j + 4 * count]
-        b5 += f * rows[n, j + 5 * count]
-    add_six(body, at, b0, b1, b2, b3, b4, b5)
+        f = factors[first + i]
+        b0 += f * rows[0, i]
+        b1 += f * rows[1, i]
+        b2 += f * rows[2, i]
+        b3 += f * rows[3, i]
+        b4 += f * rows[4, i]
+        b5 += f * rows[5, i]
+    add_six(sums_out, at, b0, b1, b2, b3, b4, b5)
 
 
-@njit(inline="always")
-def add_six(body, i, b0, b1, b2, b3, b4, b5):
-    body[i, 0], body[i, 1], body[i, 2] = body[i, 0] + b0, body[i, 1] + b1, body[i, 2] + b2
-    body[i, 3], body[i, 4], body[i, 5] = body[i, 3] + b3, body[i, 4] + b4, body[i, 5] + b5
+@inline
+def add_six(sums_out, i, b0, b1, b2, b3, b4, b5):
+    """Add six numbers to the sums of instance i."""
+    sums_out[i, 0] += b0
+    sums_out[i, 1] += b1
+    sums_out[i, 2] += b2
+    sums_out[i, 3] += b3
+    sums_out[i, 4] += b4
+    sums_out[i, 5] += b5
 
 
 @summing_kernel
-def add_wet_nodes(wet, linear_moments, bending_moments, chosen, polynomials, body):
-    """Add the moments of the surely wet nodes to their instances' sums body (H, 6)."""
-    for n in range(wet.shape[0]):
-        node, i = wet[n, 0], wet[n, 1]
-        q, at = polynomials[i], chosen[i, 1]
-        add_products(q, 0, LINEAR, linear_moments, node, 0, body, at)
-        add_products(q, LINEAR, BENDING, bending_moments, node, 0, body, at)
+def add_wet_nodes(wet, moments, chosen, polynomials, sums_out):
+    """Add the moments of the surely wet nodes to their instances' sums (H, 6)."""
+    for n in range(wet.size):
+        m, i = moments[wet[n].node], wet[n].chosen
+        factors, at = polynomials[i].c, chosen[i].instance
+        add_products(factors, 0, LINEAR, m.linear, sums_out, at)
+        add_products(factors, LINEAR, BENDING, m.bending, sums_out, at)
 
 
-@njit(inline="always")
-def bend_at(polynomials, i, records, leaf, factor, bend):
+@inline
+def bend_at(c, leaf, factor, bend_out):
     """The six quadratic coefficients of a polynomial around a leaf's middle, times a factor."""
-    x, y, z = records[leaf, MIDDLE], records[leaf, MIDDLE + 1], records[leaf, MIDDLE + 2]
-    q10, q11, q12, q13, q14 = coefficients(polynomials, i, 10)
-    q15, q16, q17, q18, q19 = coefficients(polynomials, i, 15)
-    bend[0] = factor * (polynomials[i, 4] + 3.0 * x * q10 + y * q11 + z * q12)
-    bend[1] = factor * (polynomials[i, 5] + 2.0 * x * q11 + 2.0 * y * q13 + z * q14)
-    bend[2] = factor * (polynomials[i, 6] + 2.0 * x * q12 + y * q14 + 2.0 * z * q15)
-    bend[3] = factor * (polynomials[i, 7] + x * q13 + 3.0 * y * q16 + z * q17)
-    bend[4] = factor * (polynomials[i, 8] + x * q14 + 2.0 * y * q17 + 2.0 * z * q18)
-    bend[5] = factor * (polynomials[i, 9] + x * q15 + y * q18 + 3.0 * z * q19)
+    x, y, z = leaf.middle_x, leaf.middle_y, leaf.middle_z
+    bend_out[0] = factor * (c[4] + 3.0 * x * c[10] + y * c[11] + z * c[12])
+    bend_out[1] = factor * (c[5] + 2.0 * x * c[11] + 2.0 * y * c[13] + z * c[14])
+    bend_out[2] = factor * (c[6] + 2.0 * x * c[12] + y * c[14] + 2.0 * z * c[15])
+    bend_out[3] = factor * (c[7] + x * c[13] + 3.0 * y * c[16] + z * c[17])
+    bend_out[4] = factor * (c[8] + x * c[14] + 2.0 * y * c[17] + 2.0 * z * c[18])
+    bend_out[5] = factor * (c[9] + x * c[15] + y * c[18] + 3.0 * z * c[19])
 
 
-@njit(inline="always")
-def coefficients(polynomials, i, j):
-    """Five coefficients of polynomial i from number j on."""
-    return (
-        polynomials[i, j], polynomials[i, j + 1], polynomials[i, j + 2], polynomials[i, j + 3],
-        polynomials[i, j + 4],
-    )  # fmt: skip
+@inline
+def five(c, j):
+    """Five coefficients from number j on."""
+    return c[j], c[j + 1], c[j + 2], c[j + 3], c[j + 4]
 
 
-@njit(inline="always")
-def leaf_heads(polynomials, i, records, leaf, heads, n):
+@inline
+def leaf_heads(c, leaf, heads_out, n):
     """Heads [m] of a leaf's vertices, from a polynomial, into row n."""
-    q0, q1, q2, q3, q4 = coefficients(polynomials, i, 0)
-    q5, q6, q7, q8, q9 = coefficients(polynomials, i, 5)
-    q10, q11, q12, q13, q14 = coefficients(polynomials, i, 10)
-    q15, q16, q17, q18, q19 = coefficients(polynomials, i, 15)
+    q0, q1, q2, q3, q4 = five(c, 0)
+    q5, q6, q7, q8, q9 = five(c, 5)
+    q10, q11, q12, q13, q14 = five(c, 10)
+    q15, q16, q17, q18, q19 = five(c, 15)
     for v in range(LEAF_VERTICES):
-        x, y = records[leaf, v], records[leaf, LEAF_VERTICES + v]
-        z = records[leaf, 2 * LEAF_VERTICES + v]
-        heads[n, v] = (
+        x, y, z = leaf.x[v], leaf.y[v], leaf.z[v]
+        heads_out[n, v] = (
             q0
             + x * (q1 + x * (q4 + x * q10 + y * q11 + z * q12)
                    + y * (q5 + y * q13 + z * q14) + z * (q6 + z * q15))
@@ -495,7 +415,7 @@ def leaf_heads(polynomials, i, records, leaf, heads, n):
         )  # fmt: skip
 
 
-@njit(inline="always")
+@inline
 def wet_vertices(heads, n):
     """The set of wet vertices in row n as bits."""
     wet = 0
@@ -504,129 +424,140 @@ def wet_vertices(heads, n):
     return wet
 
 
-@njit(inline="always")
-def add_wet_vertices(heads, n, records, leaf, body, at):
+@inline
+def add_wet_vertices(heads, n, leaf, sums_out, at):
     """Add the sum over a leaf's wet vertices to an instance's sums, and return which share of the
     leaf is wet: the sum of the heads above 0 over that of all heads' sizes, 0 for a dry leaf, 1
     for a wet one, and continuous in between."""
     b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     wet, total = 0.0, 0.0
     for v in range(LEAF_VERTICES):
-        head, j = max(heads[n, v], 0.0), WEIGHTS + v
-        wet += head
+        positive = max(heads[n, v], 0.0)
+        wet += positive
         total += abs(heads[n, v])
-        b0 += head * records[leaf, j]
-        b1 += head * records[leaf, j + LEAF_VERTICES]
-        b2 += head * records[leaf, j + 2 * LEAF_VERTICES]
-        b3 += head * records[leaf, j + 3 * LEAF_VERTICES]
-        b4 += head * records[leaf, j + 4 * LEAF_VERTICES]
-        b5 += head * records[leaf, j + 5 * LEAF_VERTICES]
-    add_six(body, at, b0, b1, b2, b3, b4, b5)
+        b0 += positive * leaf.weights[0, v]
+        b1 += positive * leaf.weights[1, v]
+        b2 += positive * leaf.weights[2, v]
+        b3 += positive * leaf.weights[3, v]
+        b4 += positive * leaf.weights[4, v]
+        b5 += positive * leaf.weights[5, v]
+    add_six(sums_out, at, b0, b1, b2, b3, b4, b5)
     return wet / total
 
 
 @summing_kernel
-def add_opened_leaves(opened, records, triangles, chosen, polynomials, heads, cut, body):
-    """Add the leaves that the waterline may cross to their instances' sums body (H, 6), as if
+def add_opened_leaves(opened, leaves, chosen, polynomials, heads_out, cut_out, sums_out):
+    """Add the leaves that the waterline may cross to their instances' sums (H, 6), as if
     their triangles reached down to the last wet vertex: over the wet vertices, and the polynomial's
     part beyond linear heads in proportion to the wet share. Leaves the heads (., LEAF_VERTICES) and
-    cut (., 2), codes of the triangles that the waterline cuts and the places of their leaves in
-    `opened`; returns how many."""
+    the CUT triangles; returns how many."""
     count = 0
     bend = np.zeros(QUADRATICS)
-    for n in range(opened.shape[0]):
-        leaf, i = opened[n, 0], opened[n, 1]
-        at = chosen[i, 1]
-        leaf_heads(polynomials, i, records, leaf, heads, n)
-        wet = wet_vertices(heads, n)
+    for n in range(opened.size):
+        leaf, i = leaves[opened[n].node], opened[n].chosen
+        at, c = chosen[i].instance, polynomials[i].c
+        leaf_heads(c, leaf, heads_out, n)
+        wet = wet_vertices(heads_out, n)
         if wet == 0:
             continue
-        share = add_wet_vertices(heads, n, records, leaf, body, at)
-        bend_at(polynomials, i, records, leaf, share, bend)
-        add_products(bend, 0, QUADRATICS, records, leaf, BENDS, body, at)
+        share = add_wet_vertices(heads_out, n, leaf, sums_out, at)
+        bend_at(c, leaf, share, bend)
+        add_products(bend, 0, QUADRATICS, leaf.bends, sums_out, at)
         for t in range(LEAF_TRIANGLES):
-            cut[count, 0], cut[count, 1] = triangles[leaf, t], n
-            corners = triangles[leaf, t] >> CORNER_SET
+            code = leaf.triangles[t]
+            cut_out[count].code, cut_out[count].opened = code, n
+            corners = code >> CORNER_SET
             count += (wet & corners != 0) & (wet & corners != corners)
     return count
 
 
 @kernel
-def subtract_dry_parts(cut, opened, records, heads, patches, chosen, body):
-    """Take from the sums over wet vertices what the clip takes of the triangles that are cut. A
-    loop of their own, because nothing in it depends on which they are."""
-    for n in range(cut.shape[0]):
-        code, at = cut[n, 0], cut[n, 1]
-        head, d, i = heads[at], records[opened[at, 0]], opened[at, 1]
-        patch = patches[chosen[i, 0]]
-        wet_a = head[code & CORNER] > 0.0
-        wet_b = head[code >> CORNER_BITS & CORNER] > 0.0
-        wet_c = head[code >> 2 * CORNER_BITS & CORNER] > 0.0
+def subtract_dry_parts(cut, opened, heads, tree, chosen, sums_out):
+    """Take from the sums (H, 6) over wet vertices what the clip takes of the triangles that are
+    cut. A loop of their own, because nothing in it depends on which they are."""
+    for n in range(cut.size):
+        code, at = cut[n].code, cut[n].opened
+        leaf, i = tree.leaves[opened[at].node], opened[at].chosen
+        patch = tree.patches[chosen[i].patch]
+        wet_a = heads[at, code & CORNER] > 0.0
+        wet_b = heads[at, code >> CORNER_BITS & CORNER] > 0.0
+        wet_c = heads[at, code >> 2 * CORNER_BITS & CORNER] > 0.0
         # turned so that the only wet or the only dry corner comes first
         code >>= CORNER_BITS * ((wet_b != wet_c) * (1 + (wet_a != wet_c)))
         a, b, c = code & CORNER, code >> CORNER_BITS & CORNER, code >> 2 * CORNER_BITS & CORNER
-        y, z = LEAF_VERTICES, 2 * LEAF_VERTICES
-        ax, ay, az = d[a], d[y + a], d[z + a]
-        bx, by, bz = d[b], d[y + b], d[z + b]
-        cx, cy, cz = d[c], d[y + c], d[z + c]
+        ax, ay, az = leaf.x[a], leaf.y[a], leaf.z[a]
+        bx, by, bz = leaf.x[b], leaf.y[b], leaf.z[b]
+        cx, cy, cz = leaf.x[c], leaf.y[c], leaf.z[c]
         sx, sy, sz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
-        px, py, pz = patch[0], patch[1], patch[2]
+        px, py, pz = patch.x, patch.y, patch.z
         share, mx, my, mz = clip_dry_part(
             ax + px, ay + py, az + pz, bx + px, by + py, bz + pz, cx + px, cy + py, cz + pz,
-            head[a], head[b], head[c],
+            heads[at, a], heads[at, b], heads[at, c],
         )  # fmt: skip
         tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
         add_six(
-            body, chosen[i, 1], -0.5 * share * sx, -0.5 * share * sy, -0.5 * share * sz,
+            sums_out, chosen[i].instance, -0.5 * share * sx, -0.5 * share * sy, -0.5 * share * sz,
             -0.5 * tx, -0.5 * ty, -0.5 * tz,
         )  # fmt: skip
 
 
-@njit(inline="always")
-def add_turned(body, position, rotation, scale, row):
-    """Add an instance's sums (6,), turned into the world and scaled, to a row of the wrenches."""
-    if not np.isfinite(np.sum(position) + np.sum(rotation)):
-        scale = np.nan  # else no node would be wet and the hull would seem to be dry
-    for j in range(3):
-        for k in range(3):
-            factor = scale * rotation[3 * j + k]
-            row[j] += factor * body[k]
-            row[3 + j] += factor * body[3 + k]
-
-
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")  # for threads
-def fleet_wrenches(reals, singles, integers, positions, rotations, time, out):
-    """Add the wrenches of all instances of a packed fleet to out (., 6)."""
-    tree, setting = unpacked(reals, singles, integers)
-    patches, nodes, linear_moments, bending_moments, records, patch_nodes, triangles = tree
-    instances, components, steps, most, residual, level, amplitude, scale = setting
-    places, chosen = np.empty((3, most + 1)), np.empty((most + 1, 3), np.int64)
-    active, most_nodes = reachable_patches(
-        patches, patch_nodes, instances, level, amplitude, positions, rotations, places, chosen
+@kernel
+def reached_polynomials(block, instances, positions, rotations, time):
+    """The patches that the water could reach, CHOSEN, and the POLYNOMIAL of the head over each."""
+    tree, sea = tree_of(block), water_of(block)
+    most = most_patches(instances) + 1
+    x, y, above = np.empty(most), np.empty(most), np.empty(most)
+    chosen = np.empty(most, CHOSEN)
+    active, _ = reachable_patches(
+        tree.patches, instances, sea.water, positions, rotations, x, y, above, chosen
     )
-    if active == 0:
-        return
     chosen = chosen[:active]
-    polynomials = np.empty((active, POLYNOMIAL_COLUMNS))
-    start = 0
+    polynomials = np.empty(active, POLYNOMIAL)
+    start, count = 0, sea.solve[0].waves
     while start < active:
         end = end_of_tree(start, chosen, instances)
-        x, y, z = places[0, start:end], places[1, start:end], places[2, start:end]
-        jets = np.empty((JET_ROWS, end - start))
-        waves = components[instances[chosen[start, 1], TREE]]
-        solve_jets(x, y, waves, time, residual, steps, jets)
-        head_polynomials(jets, z, chosen[start:end], rotations, polynomials[start:end])
+        number = instances[chosen[start].instance].tree
+        waves = sea.waves[number * count : (number + 1) * count]
+        jets = np.empty(end - start, JET)
+        residual, steps = sea.solve[0].residual, sea.solve[0].steps
+        solve_jets(x[start:end], y[start:end], waves, time, residual, steps, jets)
+        head_polynomials(
+            jets, above[start:end], chosen[start:end], rotations, polynomials[start:end]
+        )
         start = end
-    wet, opened = np.empty((most_nodes, 2), np.int64), np.empty((most_nodes, 2), np.int64)
-    wet_count, count = walk(patch_nodes, nodes, patches, chosen, polynomials, wet, opened)
-    body = np.zeros((instances.shape[0], 6))
-    add_wet_nodes(wet[:wet_count], linear_moments, bending_moments, chosen, polynomials, body)
+    return chosen, polynomials
+
+
+@kernel
+def surface_sums(tree, chosen, polynomials, sums_out):
+    """Add the wet surface of all chosen patches to their instances' sums (H, 6)."""
+    most = 0
+    for i in range(chosen.size):
+        most += tree.patches[chosen[i].patch].end - tree.patches[chosen[i].patch].first
+    wet, opened = np.empty(most, FOUND), np.empty(most, FOUND)
+    wet_count, count = walk(tree, chosen, polynomials, wet, opened)
+    add_wet_nodes(wet[:wet_count], tree.moments, chosen, polynomials, sums_out)
     heads = np.empty((count, LEAF_VERTICES))
-    cut = np.empty((count * LEAF_TRIANGLES + 1, 2), np.int64)
+    cut = np.empty(count * LEAF_TRIANGLES + 1, CUT)
     cut_count = add_opened_leaves(
-        opened[:count], records, triangles, chosen, polynomials, heads, cut, body
+        opened[:count], tree.leaves, chosen, polynomials, heads, cut, sums_out
     )
-    subtract_dry_parts(cut[:cut_count], opened, records, heads, patches, chosen, body)
-    for i in range(instances.shape[0]):
-        pose, row = instances[i, POSE], instances[i, ROW]
-        add_turned(body[i], positions[pose], rotations[pose], scale, out[row])
+    subtract_dry_parts(cut[:cut_count], opened, heads, tree, chosen, sums_out)
+
+
+@kernel
+def patches_wrenches(block, instances, positions, rotations, time, wrenches_out):
+    """See `Compiled`."""
+    chosen, polynomials = reached_polynomials(block, instances, positions, rotations, time)
+    tree, scale = tree_of(block), water_of(block).water[0].scale
+    sums, turn = np.zeros((instances.size, 6)), np.empty(9)
+    if chosen.size > 0:
+        surface_sums(tree, chosen, polynomials, sums)
+    for i in range(instances.size):
+        position, rotation = positions[instances[i].pose], rotations[instances[i].pose]
+        factor = scale
+        if not np.isfinite(np.sum(position) + np.sum(rotation)):
+            factor = np.nan  # else no node would be wet and the hull would seem to be dry
+        for j in range(9):
+            turn[j] = factor * rotation[j]
+        write_turned(sums[i], turn, 1.0, wrenches_out[instances[i].row])

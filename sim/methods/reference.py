@@ -16,12 +16,16 @@ second derivatives everywhere. The surface is therefore never taken for flat, wh
 it may bulge between the corners.
 """
 
+from typing import Self
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim.geometry import area_vectors, areas
 from sim.hull import Hull
-from sim.sea import Sea
+from sim.methods.method import Method, Settings, expect_at_most
 from sim.triangle import clipped, gauss_rule, sum_wet
+from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
@@ -29,7 +33,7 @@ MAX_LEVELS = 24
 """Halvings after which even a kilometre is a tenth of a millimetre: more would be round-off."""
 
 
-class Reference:
+class Reference(Method):
     """Wrench of a hull in a sea, converged to `tolerance`, relative to density * gravity * volume
     (force; for the torque times the hull's largest distance from its frame's origin).
 
@@ -40,17 +44,16 @@ class Reference:
     def __init__(self, hull: Hull, sea: Sea, tolerance: float = 1e-9) -> None:
         if not (np.isfinite(tolerance) and tolerance > 0):
             raise ValueError(f"the tolerance is {tolerance}; it must be finite and above 0")
-        self.hull = hull
-        self.sea = sea
+        super().__init__(hull, sea)
         self.tolerance = float(tolerance)
         self._area = float(np.linalg.norm(hull.area_vectors, axis=1).sum())
 
-    def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
-        """Force [N] and torque [N m] about the position, world axes: (6,).
+    @classmethod
+    def from_text(cls, hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Self:
+        expect_at_most(1, arguments)
+        return cls(hull, sea, *map(float, arguments))
 
-        position: (3,) [m], the hull frame's origin in the world; rotation: (3, 3) or (9,),
-        hull -> world; time [s].
-        """
+    def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
         position = np.asarray(position, dtype=float)
         rotation = np.asarray(rotation, dtype=float).reshape(3, 3)
         corners = (self.hull.vertices @ rotation.T)[self.hull.faces]
@@ -102,7 +105,7 @@ class Reference:
         coarse, _ = _quadrature(water, corners, COARSE_RULE)
         head, moment = _quadrature(water, corners, FINE_RULE)
         good = np.abs(head - coarse) <= allowed
-        area = _area_vectors(corners[good])
+        area = area_vectors(corners[good])
         force = head[good] @ area
         torque = np.cross(moment[good], area).sum(axis=0)
         return np.concatenate([force, torque]), np.concatenate([corners[~good], unresolved])
@@ -116,8 +119,7 @@ class _Water:
 
     def heads(self, points: Array) -> Array:
         """Heads (...) [m] at points (..., 3) [m]."""
-        x, y, z = np.moveaxis(points + self.position, -1, 0)
-        return self.sea.elevation(x, y, self.time) - z
+        return self.sea.head(*np.moveaxis(points + self.position, -1, 0), self.time)
 
 
 def _horizontal_radius(corners: Array) -> Array:
@@ -134,7 +136,7 @@ def _halved(water: _Water, corners: Array, heads: Array) -> tuple[Array, Array, 
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1))  # of the sides ab, bc, ca
     middle_heads = water.heads(middles)
     deviation = np.abs(middle_heads - 0.5 * (heads + np.roll(heads, -1, axis=1))).mean(axis=1)
-    error = float(0.25 * deviation @ _areas(corners))
+    error = float(0.25 * deviation @ areas(corners))
     children = np.concatenate(
         [np.stack([corners[:, i], middles[:, i], middles[:, i - 1]], axis=1) for i in range(3)]
         + [middles]
@@ -145,15 +147,6 @@ def _halved(water: _Water, corners: Array, heads: Array) -> tuple[Array, Array, 
         + [middle_heads]
     )  # fmt: skip
     return children, child_heads, error
-
-
-def _areas(corners: Array) -> Array:
-    return np.linalg.norm(_area_vectors(corners), axis=1)
-
-
-def _area_vectors(corners: Array) -> Array:
-    a, b, c = np.moveaxis(corners, 1, 0)
-    return 0.5 * np.cross(b - a, c - a)
 
 
 def _sum_clipped(corners: Array, heads: Array) -> Array:

@@ -13,10 +13,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.implicit import ResistedBody, ResistedFleet
-from sim.methods import Method, Patches, PatchFleet
-from sim.mjcf import FloatingGeom, is_free, read_model, read_threads
-from sim.sea import Sea
+from sim.coupling.mjcf import FloatingGeom, is_free, read_model, read_threads
+from sim.methods import Batch, Place
+from sim.resistance.implicit import Resistance, ResistedBody
+from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class Buoyancy:
         self._rows = np.array([f.body for f in self.floats])
         self.calls = 0
         self.seconds = 0.0
-        self._fleet, self._others = _sorted_by_call(self.floats, _whole(threads))
+        self._batches = _batches(self.floats, _whole(threads))
         self._data: mujoco.MjData | None = None
         self._views: tuple[Array, Array, Array] = ()
         self._state: tuple[Array, ...] = ()
@@ -75,7 +75,7 @@ class Buoyancy:
             for body in self.bodies
             if any(f.drag for f in self.floats if f.body == body)
         ]
-        self._resistance = ResistedFleet(self._resisted) if self._resisted else None
+        self._resistance = Resistance(self._resisted) if self._resisted else None
 
     @classmethod
     def from_model(
@@ -85,7 +85,7 @@ class Buoyancy:
         tolerance: float | None = None,
         threads: int | None = None,
     ) -> "Buoyancy":
-        """Read the model's custom fields (see `sim.mjcf`); `method` overrules them for all geoms,
+        """Read the model's custom fields (see `mjcf`); `method` overrules them for all geoms,
         `tolerance` [m of water height] for the methods that take one, and `threads`. Raises
         ValueError that names the element at fault."""
         sea, floats = read_model(model, method, tolerance)
@@ -99,7 +99,7 @@ class Buoyancy:
     @property
     def takes_tolerance(self) -> bool:
         """Whether any of the hulls' methods has a tolerance of water height."""
-        return self._fleet is not None
+        return any(f.method.takes_tolerance for f in self.floats)
 
     def apply(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Write the wrenches for the state in `data`; call it before each `mj_step`.
@@ -180,11 +180,9 @@ class Buoyancy:
 
     def _hull_wrenches(self, positions: Array, rotations: Array, time: float) -> Array:
         """Buoyancy (H, 6) of all hulls for the poses of all bodies (., 3), (., 9)."""
-        wrenches = np.zeros((len(self.floats), 6))
-        if self._fleet is not None:
-            self._fleet.add_wrenches(positions, rotations, time, wrenches)
-        for hull, body, method in self._others:
-            wrenches[hull] = method.wrench(positions[body], rotations[body], time)
+        wrenches = np.empty((len(self.floats), 6))
+        for batch in self._batches:
+            batch.write_wrenches(positions, rotations, time, wrenches)
         return wrenches
 
     def _add_resistance(self, time: float, buoyancy: Array, rows: Array) -> Array:
@@ -221,18 +219,15 @@ def _whole(threads: float) -> int:
     return int(threads)
 
 
-def _sorted_by_call(
-    floats: Sequence[FloatingGeom], threads: int
-) -> tuple[PatchFleet | None, list[tuple[int, int, Method]]]:
-    """The floats that one call computes together; the place, body and method of the others."""
-    together = [(i, f) for i, f in enumerate(floats) if isinstance(f.method, Patches)]
-    others = [
-        (i, f.body, f.method) for i, f in enumerate(floats) if not isinstance(f.method, Patches)
+def _batches(floats: Sequence[FloatingGeom], threads: int) -> list[Batch]:
+    """The floats in batches, one for each class of methods."""
+    by_class: dict[type, list[tuple[int, FloatingGeom]]] = {}
+    for i, f in enumerate(floats):
+        by_class.setdefault(type(f.method), []).append((i, f))
+    return [
+        kind.batch([f.method for _, f in members], [Place(f.body, i) for i, f in members], threads)
+        for kind, members in by_class.items()
     ]
-    if not together:
-        return None, others
-    methods, poses = [f.method for _, f in together], [f.body for _, f in together]
-    return PatchFleet(methods, poses, [i for i, _ in together], threads), others
 
 
 def _resisted_body(

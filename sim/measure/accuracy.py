@@ -8,24 +8,19 @@ methods taken in turns, so that whatever else the machine does slows all of them
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from sim.gerstner import (
-    AMPLITUDE,
-    DIRECTION_X,
-    DIRECTION_Y,
-    FREQUENCY,
-    TURNS,
-    TURNS_X,
-    TURNS_Y,
-    WAVENUMBER,
-)
+from sim.geometry import random_rotation
 from sim.hull import Hull
 from sim.methods import Method
-from sim.sea import Sea, Wave
 from sim.triangle import clipped, wet_triangles_wrench
+from sim.water.gerstner import WAVE
+from sim.water.head import hydrostatic
+from sim.water.sea import Sea
+from sim.water.wave import Wave
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array, float]
@@ -104,19 +99,6 @@ def waterline_poses(hull: Hull, sea: Sea, count: int, seed: int = 0) -> list[Pos
     return poses
 
 
-def random_rotation(rng: np.random.Generator) -> Array:
-    """Rotation matrix (3, 3), uniform over all rotations: that of a random unit quaternion."""
-    q = rng.normal(size=4)
-    w, x, y, z = q / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def wrenches(method: Method, poses: Sequence[Pose]) -> Array:
     """Wrenches (N, 6) [N, N m] of a method at poses."""
     return np.array([method.wrench(*pose) for pose in poses])
@@ -192,7 +174,7 @@ def _fastest(method: Method, pose: Pose) -> float:
     return min(seconds)
 
 
-class Customary:
+class Customary(Method):
     """Linear as it is customarily computed: a fixed number of Newton steps for an elevation, from
     the point itself as the label, and numbers as short as `dtype`. For the table of
     error sources: with many steps or in double precision it leaves just the other error.
@@ -204,46 +186,50 @@ class Customary:
     def __init__(
         self, hull: Hull, sea: Sea, newton_steps: int = 2, dtype: DTypeLike = np.float64
     ) -> None:
-        self.hull, self.sea = hull, sea
+        super().__init__(hull, sea)
         self.newton_steps = newton_steps
         self.dtype = np.dtype(dtype)
         self._vertices = hull.vertices.astype(self.dtype)
-        self._components = sea.components.astype(self.dtype)
+        columns = [(name, sea.components[name].astype(self.dtype)) for name in WAVE.names]
+        self._waves = SimpleNamespace(**dict(columns))
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
         """Force [N] and torque [N m] about the position, world axes: (6,)."""
         turn = np.asarray(rotation, dtype=self.dtype).reshape(3, 3)
         place = np.asarray(position, dtype=self.dtype)
         points = self._vertices @ turn.T + place
-        heads = self.elevation(points[:, 0], points[:, 1], time) - points[:, 2]
+        level = self.dtype.type(self.sea.level)
+        heights = self.heights(points[:, 0], points[:, 1], time)
+        heads = hydrostatic(heights, points[:, 2] - level)
         arms = (self._vertices @ turn.T).astype(float)
         faces, sea = self.hull.faces, self.sea
         corners, wet_heads = clipped(arms[faces], heads.astype(float)[faces])
         return wet_triangles_wrench(corners, wet_heads, sea.density, sea.gravity)
 
-    def elevation(self, x: ArrayLike, y: ArrayLike, time: float) -> NDArray:
-        """Elevation [m] above the points (N,), (N,) [m], as precise as all that is said above."""
-        x, y = np.asarray(x, self.dtype), np.asarray(y, self.dtype)
+    def heights(self, x: NDArray, y: NDArray, time: float) -> NDArray:
+        """Heights [m] of the surface above the level at the points (N,), (N,) [m], as precise as
+        all that is said above."""
+        wave = self._waves
+        dx, dy, a = wave.direction_x, wave.direction_y, wave.amplitude
         label_x, label_y = x.copy(), y.copy()
         for _ in range(self.newton_steps):
-            s, c, wave = self._phases(label_x, label_y, time)
-            dx, dy, a = wave[:, DIRECTION_X], wave[:, DIRECTION_Y], wave[:, AMPLITUDE]
-            strain = s * (wave[:, WAVENUMBER] * a)
+            s, c = self._phases(label_x, label_y, time)
+            strain = s * (wave.wavenumber * a)
             jxx, jxy, jyy = 1 - strain @ (dx * dx), -strain @ (dx * dy), 1 - strain @ (dy * dy)
             rx, ry = x - label_x - c @ (dx * a), y - label_y - c @ (dy * a)
             scale = 1 / (jxx * jyy - jxy * jxy)
             label_x = label_x + scale * (jyy * rx - jxy * ry)
             label_y = label_y + scale * (jxx * ry - jxy * rx)
-        s, _, wave = self._phases(label_x, label_y, time)
-        return s @ wave[:, AMPLITUDE] + self.dtype.type(self.sea.level)
+        s, _ = self._phases(label_x, label_y, time)
+        return s @ a
 
-    def _phases(self, x: NDArray, y: NDArray, time: float) -> tuple[NDArray, NDArray, NDArray]:
-        """Sines and cosines (N, W) of the waves' phases at labels, and the waves' components."""
-        wave = self._components
-        turns = np.multiply.outer(x, wave[:, TURNS_X]) + np.multiply.outer(y, wave[:, TURNS_Y])
-        turns += wave[:, TURNS] - wave[:, FREQUENCY] * self.dtype.type(time)
+    def _phases(self, x: NDArray, y: NDArray, time: float) -> tuple[NDArray, NDArray]:
+        """Sines and cosines (N, W) of the waves' phases at labels."""
+        wave = self._waves
+        turns = np.multiply.outer(x, wave.turns_x) + np.multiply.outer(y, wave.turns_y)
+        turns += wave.turns - wave.frequency * self.dtype.type(time)
         angle = turns * self.dtype.type(2.0 * np.pi)
-        return np.sin(angle), np.cos(angle), wave
+        return np.sin(angle), np.cos(angle)
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.coupling.mjcf import FloatingGeom
+from sim.coupling.scene import Scene
 from sim.hull import Hull
-from sim.mjcf import FloatingGeom
-from sim.scene import Scene
 
 Array = NDArray[np.float64]
 

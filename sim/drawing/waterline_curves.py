@@ -7,10 +7,10 @@ drawn straight, so a hull of large triangles is `refined` first.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from sim.sea import Sea
+from sim.kernels import kernel
+from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -64,7 +64,7 @@ def waterlines(
     ]
 
 
-@njit(cache=True)
+@kernel
 def _traced(faces: Indices, across: Indices, wet: Flags) -> tuple[Indices, Indices, Indices]:
     """The dry and the wet end (N,) of every edge that the curves cross, in their order, and where
     each curve ends among these.

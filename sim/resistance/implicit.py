@@ -7,7 +7,7 @@ relative to the water at the hull's centroid, which itself accelerates by a_w,
     F_added = - f A (a - a_w, alpha) + f A (omega x u, 0) - (omega x p, omega x l + u x p),
     (p, l) = f A nu.
 
-Explicit in time, strong drag (see `sim.drag`) and large added mass would both throw a light body
+Explicit in time, strong drag (see `drag`) and large added mass would both throw a light body
 out of the water. So one small system is solved a step for the acceleration a,
 
     (M + A + h C) a = F_gravity + F_buoyancy + F_drag(v) - bias + ...,   C = - dF_drag/dv >= 0,
@@ -34,28 +34,31 @@ Source: Newman 1977 for Kirchhoff's equations.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.drag import RADIUS, WORK_ROWS, Drag, hull_drag, water_motion
-from sim.gerstner import LANES, SCRATCH_ROWS, kernel
-from sim.triangle import cross
+from sim.geometry import cross
+from sim.kernels import kernel, packed, record, table
+from sim.resistance.drag import STRENGTH, SURFACE, Drag, add_hull_drag
+from sim.water.gerstner import WATER, WAVE
+from sim.water.motion import water_motion
 
 Array = NDArray[np.float64]
 
-# Columns of the table of bodies.
-BODY, ROOT, DOF, HULLS, HULLS_END = range(5)
+BODY = record(
+    body="i8", root="i8", dof="i8", first="i8", end="i8",
+    mass="f8", inertia=("f8", 3), origin=("f8", 3), axes=("f8", (3, 3)),
+)  # fmt: skip
+"""A ResistedBody: its rows, its first hull and where they end, and its constants."""
 
-# Columns of the bodies' constants, inertial frame: the joint's origin and axes, row by row.
-MASS, INERTIA, ORIGIN, AXES = 0, 1, 4, 7
-
-# Columns of the table of hulls.
-ROW, STEPS, HAS_DRAG, HAS_ADDED_MASS = range(4)
-
-# Columns of the hulls' constants: those of Drag, the buoyancy [N] of the submerged hull, the rate
-# [1/s] at which it takes angular momentum, the centroid (3) and the added mass (36).
-PRESSURES, RESIDUAL, WHOLE, RATE, CENTROID, ADDED_MASS = 0, 3, 4, 5, 6, 9
+HULL = record(
+    row="i8", surface="i8", has_drag="i8", has_added_mass="i8", strength=STRENGTH,
+    whole="f8", rate="f8", centroid=("f8", 3), added_mass=("f8", (6, 6)),
+)  # fmt: skip
+"""A hull with drag or added mass: its row among the wrenches of buoyancy and its drag's elements,
+the buoyancy [N] when it is submerged, and the rate [1/s] at which it takes angular momentum."""
 
 
 @dataclass(frozen=True)
@@ -79,33 +82,19 @@ class ResistedBody:
     hulls: Sequence[tuple[int, Drag | None]]
 
 
-class ResistedFleet:
+class Resistance:
     """Bodies with drag or added mass in one sea, computed in one call."""
 
     def __init__(self, bodies: Sequence[ResistedBody]) -> None:
         hulls = [(row, drag, body) for body in bodies for row, drag in body.hulls if drag]
-        self._sea = hulls[0][1].sea
-        if any(drag.sea is not self._sea for _, drag, _ in hulls):
-            raise ValueError("the hulls of a fleet float in one sea; make a fleet for each sea")
-        ends = np.cumsum([sum(drag is not None for _, drag in body.hulls) for body in bodies])
-        self._bodies = np.array(
-            [
-                [body.body, body.root, body.dof, start, end]
-                for body, start, end in zip(bodies, [0, *ends[:-1]], ends, strict=True)
-            ]
+        sea = hulls[0][1].sea
+        if any(drag.sea is not sea for _, drag, _ in hulls):
+            raise ValueError("these hulls float in one sea; take those of each sea by themselves")
+        rows = [_hull_row(i, *hull) for i, hull in enumerate(hulls)]
+        surfaces = np.concatenate([drag.surface for _, drag, _ in hulls])
+        self._block = packed(
+            _body_table(bodies), np.array(rows, HULL), surfaces, sea.components, sea.water
         )
-        self._inertials = np.array(
-            [np.concatenate([[b.mass], b.inertia, b.origin, np.ravel(b.axes)]) for b in bodies]
-        )
-        self._hulls = np.array(
-            [
-                [row, drag.label_steps, drag.pressures.any(), drag.added_mass is not None]
-                for row, drag, _ in hulls
-            ],
-            dtype=np.int64,
-        )
-        self._constants = np.array([_constants(drag, body) for _, drag, body in hulls])
-        self._elements = _stacked([drag.elements for _, drag, _ in hulls])
         self._drags = np.empty((len(bodies), 6))
 
     def add_resistance(
@@ -133,50 +122,33 @@ class ResistedFleet:
         of a free joint being a force in world axes and a torque in the joint's own; timestep,
         time [s]; buoyancy (., 6): the wrenches of all hulls.
         """
-        sea = self._sea
         implicit_wrenches(
-            self._bodies,
-            self._inertials,
-            self._hulls,
-            self._constants,
-            self._elements,
-            sea.components,
-            sea.residual_tolerance,
-            sea.level,
-            positions,
-            rotations,
-            velocities,
-            references,
-            gravity,
-            applied,
-            passive,
-            timestep,
-            time,
-            buoyancy,
-            wrenches,
-            self._drags,
-        )
+            self._block, positions, rotations, velocities, references, gravity, applied, passive,
+            timestep, time, buoyancy, wrenches, self._drags,
+        )  # fmt: skip
         return self._drags
 
 
-def _constants(drag: Drag, body: ResistedBody) -> Array:
-    """A hull's row of constants."""
+def _body_table(bodies: Sequence[ResistedBody]) -> NDArray[np.void]:
+    rows, first = [], 0
+    for b in bodies:
+        end = first + sum(drag is not None for _, drag in b.hulls)
+        rows.append((b.body, b.root, b.dof, first, end, b.mass, b.inertia, b.origin, b.axes))
+        first = end
+    return np.array(rows, BODY)
+
+
+def _hull_row(surface: int, row: int, drag: Drag, body: ResistedBody) -> tuple[Any, ...]:
     sea, hull = drag.sea, drag.hull
     submerged = sum(other.hull.volume for _, other in body.hulls if other is not None)
-    added_mass = np.zeros(36) if drag.added_mass is None else drag.added_mass.ravel()
     whole = sea.density * sea.gravity * hull.volume
     rate = drag.coefficients.angular * hull.volume / submerged
-    numbers = [drag.pressures, [drag.label_residual, whole, rate], hull.centroid, added_mass]
-    return np.concatenate(numbers)
-
-
-def _stacked(elements: Sequence[Array]) -> Array:
-    """Elements of all hulls as (H, 8, N), filled up with elements of no area."""
-    stacked = np.zeros((len(elements), 8, max(e.shape[1] for e in elements)))
-    stacked[:, RADIUS] = 1.0
-    for mine, given in zip(stacked, elements, strict=True):
-        mine[:, : given.shape[1]] = given
-    return stacked
+    has_added_mass = drag.added_mass is not None
+    added_mass = drag.added_mass if has_added_mass else np.zeros((6, 6))
+    return (
+        row, surface, drag.has_surface_drag, has_added_mass, drag.strength[0],
+        whole, rate, hull.centroid, added_mass,
+    )  # fmt: skip
 
 
 @kernel
@@ -220,33 +192,33 @@ def known_wrench(inertial, rotation, velocity, gravity, applied, passive, dof, k
         for j in range(3):
             known[i] += rotation[j, i] * (applied[dof + j] + passive[dof + j])
             torque = applied[dof + 3 + j] + passive[dof + 3 + j]
-            known[3 + i] += inertial[AXES + 3 * i + j] * torque
+            known[3 + i] += inertial.axes[i, j] * torque
     mx, my, mz = cross(
-        inertial[ORIGIN], inertial[ORIGIN + 1], inertial[ORIGIN + 2], known[0], known[1], known[2]
+        inertial.origin[0], inertial.origin[1], inertial.origin[2], known[0], known[1], known[2]
     )
     wx, wy, wz = velocity[3], velocity[4], velocity[5]
-    a, b, c = inertial[INERTIA], inertial[INERTIA + 1], inertial[INERTIA + 2]
+    a, b, c = inertial.inertia[0], inertial.inertia[1], inertial.inertia[2]
     bx, by, bz = cross(wx, wy, wz, a * wx, b * wy, c * wz)
     known[3] += mx - bx
     known[4] += my - by
     known[5] += mz - bz
     for i in range(3):
         for j in range(3):
-            known[i] += inertial[MASS] * rotation[j, i] * gravity[j]
+            known[i] += inertial.mass * rotation[j, i] * gravity[j]
 
 
 @kernel
 def add_angular(rate, timestep, inertial, velocity, drag, matrix):
     """Add the decay of the angular momentum at a rate [1/s]."""
     for i in range(3):
-        damping = rate * inertial[INERTIA + i]
+        damping = rate * inertial.inertia[i]
         drag[3 + i] -= damping * velocity[3 + i]
         matrix[3 + i, 3 + i] += timestep * damping
 
 
 @kernel
 def add_added_mass(fraction, added, rotation, velocity, motion, fluid, matrix):
-    """Add a hull's added mass (36,), times the submerged fraction, to the matrix, and to
+    """Add a hull's added mass (6, 6), times the submerged fraction, to the matrix, and to
     fluid what does not depend on the body's acceleration: the water's own, and Kirchhoff's terms.
     motion (6,): velocity and acceleration of the water at its centroid, world axes."""
     u, turning, momentum = velocity.copy(), np.zeros(3), np.zeros(6)
@@ -260,7 +232,7 @@ def add_added_mass(fraction, added, rotation, velocity, motion, fluid, matrix):
     turning[2] += uz
     for i in range(6):
         for j in range(6):
-            a = fraction * added[6 * i + j]
+            a = fraction * added[i, j]
             matrix[i, j] += a
             momentum[i] += a * u[j]
             if j < 3:
@@ -312,81 +284,80 @@ def accelerate(inertial, rest, fluid, matrix):
     """
     acceleration = fluid + rest
     for i in range(3):
-        matrix[i, i] += inertial[MASS]
-        matrix[3 + i, 3 + i] += inertial[INERTIA + i]
+        matrix[i, i] += inertial.mass
+        matrix[3 + i, 3 + i] += inertial.inertia[i]
     solve_symmetric(matrix, acceleration)
     for i in range(3):
-        fluid[i] = inertial[MASS] * acceleration[i] - rest[i]
-        fluid[3 + i] = inertial[INERTIA + i] * acceleration[3 + i] - rest[3 + i]
+        fluid[i] = inertial.mass * acceleration[i] - rest[i]
+        fluid[3 + i] = inertial.inertia[i] * acceleration[3 + i] - rest[3 + i]
 
 
 @kernel
 def add_hull(
-    hull, constants, elements, inertial, components, tolerance, level, position, rotation, velocity,
-    timestep, time, push, work, scratch, drag, fluid, matrix,
+    hull, surfaces, inertial, waves, water, position, rotation, velocity,
+    timestep, time, push, drag, fluid, matrix,
 ):  # fmt: skip
     """Add what a hull meets, all in body axes: its drag (6,), the wrench (6,) that comes with its
     added mass to fluid, and A + h C to the lower triangle of matrix. push [N]: its buoyancy."""
-    fraction = min(push / constants[WHOLE], 1.0)
-    if hull[HAS_DRAG]:
-        hull_drag(
-            elements, constants[PRESSURES:RESIDUAL], components, constants[RESIDUAL], hull[STEPS],
-            level, position, rotation, velocity, time, timestep, work, scratch, drag, matrix,
+    fraction = min(push / hull.whole, 1.0)
+    turn = rotation.reshape(3, 3)
+    if hull.has_drag:
+        add_hull_drag(
+            surfaces[hull.surface], hull.strength, waves, water, position, rotation, velocity,
+            time, timestep, drag, matrix,
         )  # fmt: skip
-    if constants[RATE] > 0.0:
-        add_angular(fraction * constants[RATE], timestep, inertial, velocity, drag, matrix)
-    if hull[HAS_ADDED_MASS]:
+    if hull.rate > 0.0:
+        add_angular(fraction * hull.rate, timestep, inertial, velocity, drag, matrix)
+    if hull.has_added_mass:
         point, motion = position.copy(), np.empty(6)
         for i in range(3):
             for j in range(3):
-                point[i] += rotation[i, j] * constants[CENTROID + j]
-        water_motion(point, components, tolerance, level, time, motion)
-        added = constants[ADDED_MASS:]
-        add_added_mass(fraction, added, rotation, velocity, motion, fluid, matrix)
+                point[i] += turn[i, j] * hull.centroid[j]
+        water_motion(point, waves, water, time, motion)
+        add_added_mass(fraction, hull.added_mass, turn, velocity, motion, fluid, matrix)
 
 
 @kernel
 def is_wet(body, hulls, buoyancy):
     """Whether the water pushes any of a body's hulls with drag or added mass up."""
     wet = False
-    for h in range(body[HULLS], body[HULLS_END]):
-        wet |= buoyancy[hulls[h, ROW], 2] > 0.0
+    for h in range(body.first, body.end):
+        wet |= buoyancy[hulls[h].row, 2] > 0.0
     return wet
 
 
 @kernel
 def implicit_wrenches(
-    bodies, inertials, hulls, constants, elements, components, tolerance, level,
-    positions, rotations, velocities, references, gravity, applied, passive,
-    timestep, time, buoyancy, wrenches, drags,
+    block, positions, rotations, velocities, references, gravity, applied, passive,
+    timestep, time, buoyancy, wrenches, drags_out,
 ):  # fmt: skip
-    """See ResistedFleet.add_resistance; the drag of the bodies into drags (B, 6)."""
-    width = elements.shape[2] + LANES  # not a power of two, or rows would share cache lines
-    work, scratch = np.empty((WORK_ROWS, width)), np.empty((SCRATCH_ROWS, width))
+    """See Resistance.add_resistance; the drag of the bodies into drags_out (B, 6)."""
+    bodies, hulls, surfaces = table(block, 0, BODY), table(block, 1, HULL), table(block, 2, SURFACE)
+    waves, water = table(block, 3, WAVE), table(block, 4, WATER)
     velocity, matrix = np.empty(6), np.empty((6, 6))
-    drags[:] = 0.0
-    for b in range(bodies.shape[0]):
-        if not is_wet(bodies[b], hulls, buoyancy):
+    drags_out[:] = 0.0
+    for b in range(bodies.size):
+        inertial = bodies[b]
+        if not is_wet(inertial, hulls, buoyancy):
             continue
-        body, dof, inertial = bodies[b, BODY], bodies[b, DOF], inertials[b]
-        position, rotation = positions[body], rotations[body].reshape(3, 3)
-        reference = references[bodies[b, ROOT]]
-        body_velocity(position, rotation, velocities[body], reference, velocity)
+        body, dof = inertial.body, inertial.dof
+        position, rotation = positions[body], rotations[body]
+        turn, reference = rotation.reshape(3, 3), references[inertial.root]
+        body_velocity(position, turn, velocities[body], reference, velocity)
         drag, fluid, rest = np.zeros(6), np.zeros(6), np.zeros(6)
         matrix[:] = 0.0
-        for h in range(bodies[b, HULLS], bodies[b, HULLS_END]):
-            push = buoyancy[hulls[h, ROW], 2]
+        for h in range(inertial.first, inertial.end):
+            push = buoyancy[hulls[h].row, 2]
             if push > 0.0:
                 add_hull(
-                    hulls[h], constants[h], elements[h], inertial, components, tolerance, level,
-                    position, rotation, velocity, timestep, time, push, work, scratch,
-                    drag, fluid, matrix,
+                    hulls[h], surfaces, inertial, waves, water, position, rotation, velocity,
+                    timestep, time, push, drag, fluid, matrix,
                 )  # fmt: skip
-        into_world(rotation, drag, drags[b])
+        into_world(turn, drag, drags_out[b])
         fluid += drag
         if dof >= 0:
-            into_body(rotation, wrenches[body], fluid)
+            into_body(turn, wrenches[body], fluid)
             wrenches[body] = 0.0
-            known_wrench(inertial, rotation, velocity, gravity, applied, passive, dof, rest)
+            known_wrench(inertial, turn, velocity, gravity, applied, passive, dof, rest)
         accelerate(inertial, rest, fluid, matrix)
-        into_world(rotation, fluid, wrenches[body])
+        into_world(turn, fluid, wrenches[body])

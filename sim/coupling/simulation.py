@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.divergence import DivergenceError, Watch, remedy
-from sim.scene import Scene
+from sim.coupling.divergence import DivergenceError, Watch, remedy
+from sim.coupling.scene import Scene
 
 Array = NDArray[np.float64]
 

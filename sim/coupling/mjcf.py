@@ -7,17 +7,17 @@ A scene is one MJCF file; what concerns the water stands in its `<custom>` eleme
     numeric wave_<name>               amplitude m, wavelength m, heading deg, phase deg
     numeric sea_jonswap               significant height m, peak period s, gamma, heading deg,
                                       spread deg, waves, seed; all after the period may be left
-                                      out (see sim.sea.Sea.jonswap)
+                                      out (see Sea.jonswap)
     text    buoyancy_method           how wrenches are computed        (see sim.methods)
     text    buoyancy_method_<geom>    the same for one geom
     numeric buoyancy_tolerance        m of water height, for methods that take one
-    numeric buoyancy_threads          threads that share the hulls   (1; see sim.coupling)
+    numeric buoyancy_threads          threads that share the hulls   (1)
     numeric chord_samples             points of a chord, for the method chord
-    numeric drag                      linear, form, friction                   (see sim.drag)
+    numeric drag                      linear, form, friction                   (see resistance/drag)
     numeric drag_<geom>               the same for one geom
     numeric drag_angular              1/s, decay of the angular momentum
     numeric drag_angular_<geom>       the same for one geom
-    numeric added_mass                6 coefficients or a 6 x 6 matrix         (see sim.drag)
+    numeric added_mass                6 coefficients or a 6 x 6 matrix         (see resistance/drag)
     numeric added_mass_<geom>         the same for one geom
     tuple   buoyant                   the geoms whose surface is a hull
 
@@ -32,10 +32,12 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from sim.drag import Drag, DragCoefficients
 from sim.hull import Hull
 from sim.methods import Method, Settings, make_method
-from sim.sea import Sea, Wave
+from sim.resistance.drag import Drag, DragCoefficients
+from sim.water.sea import Sea
+from sim.water.spectrum import jonswap
+from sim.water.wave import Wave
 
 SEA_WATER_DENSITY = 1025.0  # kg/m^3, at 15 degrees C and 35 g/kg of salt
 
@@ -312,7 +314,7 @@ def _jonswap_waves(numbers: NDArray[np.float64], gravity: float) -> tuple[Wave, 
     values = numbers.copy()
     values[3:5] = np.radians(values[3:5])
     try:
-        return Sea.jonswap(*values.tolist(), gravity=gravity).waves
+        return jonswap(*values.tolist(), gravity=gravity)
     except ValueError as error:
         raise ValueError(f"custom numeric '{IRREGULAR_SEA}': {error}") from None
 

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coupling import Buoyancy
+from sim.coupling.buoyancy import Buoyancy
+from sim.coupling.simulation import Sample
+from sim.drawing.waterline_curves import faces_across, refined
+from sim.geometry import rotation_matrix
 from sim.hull import Hull
-from sim.simulation import Sample
-from sim.waterline import faces_across, refined
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -156,15 +157,3 @@ def _unit(vectors: Array) -> Array:
     """Vectors (N, 3) at length 1; those without a length stay as they are."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return vectors / np.where(lengths > 0.0, lengths, 1.0)
-
-
-def rotation_matrix(quaternion: Array) -> Array:
-    """Rotation (3, 3), body -> world, of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )

@@ -6,7 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sim.coupling import Buoyancy
+from sim.coupling.buoyancy import Buoyancy
 
 
 @dataclass(frozen=True)

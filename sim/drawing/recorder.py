@@ -34,11 +34,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from sim.scene import Scene
-from sim.sea import Sea
-from sim.simulation import Sample, Tally, observe
-from sim.skin import Skin, Skins
-from sim.waterline import heads, waterlines
+from sim.coupling.scene import Scene
+from sim.coupling.simulation import Sample, Tally, observe
+from sim.drawing.display_mesh import Skin, Skins
+from sim.drawing.waterline_curves import heads, waterlines
+from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -1,0 +1,118 @@
+"""Geometry: triangles, the solids that they enclose, and rotations; each formula once.
+
+Corners are (F, 3, 3) [m]: three corners a, b, c a triangle, counterclockwise seen from outside.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.kernels import inline
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+def area_vectors(corners: Array) -> Array:
+    """Outward vectors (F, 3) [m^2], as long as the triangle is large: (b - a) x (c - a) / 2."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return 0.5 * np.cross(b - a, c - a)
+
+
+def areas(corners: Array) -> Array:
+    """Areas (F,) [m^2]."""
+    return np.linalg.norm(area_vectors(corners), axis=1)
+
+
+def cone_volumes(corners: Array) -> Array:
+    """Signed volumes (F,) [m^3] of the cones from the origin to the triangles, which for a closed
+    surface add up to what it encloses (Gauss)."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return np.einsum("fi,fi->f", a, np.cross(b, c)) / 6.0
+
+
+def cone_centroid(corners: Array, volumes: Array) -> Array:
+    """Centre of mass (3,) [m] of cones from the origin with volumes (F,)."""
+    return volumes @ (corners.sum(axis=1) / 4.0) / volumes.sum()
+
+
+def cone_moments(corners: Array, volumes: Array) -> Array:
+    """Integral (3, 3) [m^5] of x x^T over cones from the origin with volumes (F,): that of a
+    tetrahedron is volume / 20 times the sum of p p^T over a + b + c, a, b and c."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    squares = sum(p[:, :, None] * p[:, None, :] for p in (a + b + c, a, b, c))
+    return (volumes[:, None, None] * squares).sum(axis=0) / 20.0
+
+
+def inertia_of(moments: Array) -> Array:
+    """Matrix of inertia (3, 3) over the density, from the integral (3, 3) of x x^T."""
+    return np.trace(moments) * np.eye(3) - moments
+
+
+def sides(corners: Array) -> Array:
+    """Lengths (F, 3) [m] of the sides ab, bc, ca."""
+    return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+
+
+def split_triangles(corners: Array, is_large: Callable[[Array], Flags], most: int) -> Array:
+    """Halve triangles across their longest side until none is large, (F, 3, 3) again.
+
+    Neighbours are not halved with them, so the surface stays the same but its corners do not match
+    any more (where they must, see `drawing.display_mesh.refined`). Raises ValueError when that
+    would make more than `most`.
+    """
+    done: list[Array] = []
+    while len(corners):
+        large = is_large(corners)
+        done.append(corners[~large])
+        if 2 * np.count_nonzero(large) + sum(map(len, done)) > most:
+            raise ValueError(f"more than {most}")
+        corners = halved(corners[large])
+    return np.concatenate(done)
+
+
+def halved(corners: Array) -> Array:
+    """Both halves (2 F, 3, 3) of triangles cut across their longest side: first all that keep the
+    corner where it begins, then the others."""
+    longest = sides(corners).argmax(axis=1)
+    turn = (longest[:, None] + np.arange(3)) % 3
+    a, b, c = np.moveaxis(np.take_along_axis(corners, turn[:, :, None], axis=1), 1, 0)
+    m = 0.5 * (a + b)
+    return np.concatenate([np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)])
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Rotation (3, 3), body -> world, of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def random_rotation(rng: np.random.Generator) -> Array:
+    """Rotation (3, 3), uniform over all rotations: that of a random unit quaternion."""
+    q = rng.normal(size=4)
+    return rotation_matrix(q / np.linalg.norm(q))
+
+
+@inline
+def cross(ax, ay, az, bx, by, bz):
+    """a x b."""
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@inline
+def placed(x, y, z, position, rotation):
+    """World coordinates of a point x, y, z of the body frame; rotation: (9,), body -> world."""
+    r = rotation
+    return (
+        position[0] + (r[0] * x + r[1] * y + r[2] * z),
+        position[1] + (r[3] * x + r[4] * y + r[5] * z),
+        position[2] + (r[6] * x + r[7] * y + r[8] * z),
+    )

@@ -1,0 +1,192 @@
+"""Method: what every way to turn (hull, sea, pose, time) into a wrench has in common."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from os import getpid
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.hull import Hull
+from sim.kernels import record
+from sim.water.sea import Sea
+
+Array = NDArray[np.float64]
+Block = NDArray[np.uint8]
+Table = NDArray[np.void]
+Kernel = Callable[[Block, Table, Array, Array, float, Array], None]
+
+PARTS_A_THREAD = 3
+"""Parts into which hulls are divided for each thread: the more, the less one waits for another in
+the end, but each part costs a few microseconds."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a scene says for all its methods; one that has no use for a setting ignores it.
+
+    tolerance [m of water height], None for the method's own default; chord_samples: points of
+    a chord."""
+
+    tolerance: float | None = None
+    chord_samples: int = 4
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a hull of many finds its pose and leaves its wrench: rows of the arrays of both. No two
+    hulls have the same row of the wrenches."""
+
+    pose: int
+    row: int
+
+
+class Batch(ABC):
+    """Many hulls of methods of one class."""
+
+    @abstractmethod
+    def write_wrenches(
+        self, positions: Array, rotations: Array, time: float, wrenches_out: Array
+    ) -> None:
+        """Write each hull's wrench to its row of wrenches_out (H, 6), for its pose among positions
+        (P, 3) [m] and rotations (P, 9)."""
+
+
+class Method(ABC):
+    """A way to compute the water's wrench on a hull in a sea; no state changes from call to call.
+
+    A class of one's own needs `wrench`; with an entry in `METHODS` scenes may name it. Where many
+    hulls together are cheaper than one after the other, it has a `batch` of its own.
+
+    takes_tolerance: whether a scene's tolerance of the water height means something to it.
+    """
+
+    takes_tolerance = False
+
+    def __init__(self, hull: Hull, sea: Sea) -> None:
+        self.hull = hull
+        self.sea = sea
+
+    @abstractmethod
+    def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
+        """Force [N] and torque [N m] about the position, world axes: (6,).
+
+        position: (3,) [m], the hull frame's origin in the world; rotation: (3, 3) or (9,),
+        hull -> world; time [s].
+        """
+
+    @classmethod
+    def from_text(cls, hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Self:
+        """The method with the settings that a scene's text has behind colons, `arguments`. Raises
+        ValueError."""
+        expect_at_most(0, arguments)
+        return cls(hull, sea)
+
+    @classmethod
+    def batch(cls, methods: Sequence[Self], places: Sequence[Place], threads: int = 1) -> Batch:
+        """Several hulls at once; `threads`: how many, with the caller's own, may share them."""
+        return Loop(methods, places)
+
+
+class Loop(Batch):
+    """A batch that takes one hull after the other."""
+
+    def __init__(self, methods: Sequence[Method], places: Sequence[Place]) -> None:
+        self._hulls = [(m, p.pose, p.row) for m, p in zip(methods, places, strict=True)]
+
+    def write_wrenches(
+        self, positions: Array, rotations: Array, time: float, wrenches_out: Array
+    ) -> None:
+        for method, pose, row in self._hulls:
+            wrenches_out[row] = method.wrench(positions[pose], rotations[pose], time)
+
+
+def expect_at_most(count: int, arguments: list[str]) -> None:
+    """Refuse more settings than a method has."""
+    if len(arguments) > count:
+        raise ValueError(f"found {len(arguments)} settings, expected at most {count}")
+
+
+PLACE = record(pose="i8", row="i8")
+"""A hull's Place, as kernels read it."""
+
+
+class Part(NamedTuple):
+    """A part of a batch: a block of tables (`kernels.packed`), which nothing changes, and the
+    hulls' places (PLACE, or records that have those fields too)."""
+
+    block: Block
+    places: Table
+
+
+class Compiled(Method):
+    """A method that is a kernel.
+
+    The kernel takes a block, places, positions (P, 3), rotations (P, 9), time and wrenches_out
+    (H, 6), and writes the rows that the places name.
+    """
+
+    @classmethod
+    @abstractmethod
+    def kernel(cls) -> Kernel:
+        """The compiled function."""
+
+    @classmethod
+    @abstractmethod
+    def parts(cls, methods: Sequence[Self], places: Sequence[Place], count: int) -> list[Part]:
+        """All hulls in about so many parts of like cost, the dearest first."""
+
+    def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
+        positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
+        rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
+        wrenches = np.empty((1, 6))
+        self._kernel(*self._alone, positions, rotations, float(time), wrenches)
+        return wrenches[0]
+
+    def _prepare(self) -> None:
+        """What `wrench` needs, once all that the parts are made of is there."""
+        self._kernel = self.kernel()
+        (self._alone,) = self.parts([self], [Place(0, 0)], 1)
+
+    @classmethod
+    def batch(cls, methods: Sequence[Self], places: Sequence[Place], threads: int = 1) -> Batch:
+        count = 1 if threads == 1 else PARTS_A_THREAD * threads
+        return Shared(cls.kernel(), cls.parts(methods, places, count), threads)
+
+
+class Shared(Batch):
+    """A batch whose parts threads share. The result is the same to the bit."""
+
+    def __init__(self, kernel: Kernel, parts: Sequence[Part], threads: int) -> None:
+        self._kernel, self._parts = kernel, parts
+        self._helpers = min(threads, len(parts)) - 1
+        self._pool: ThreadPoolExecutor | None = None
+        self._process = -1
+
+    def write_wrenches(
+        self, positions: Array, rotations: Array, time: float, wrenches_out: Array
+    ) -> None:
+        left = iter(self._parts)  # gives each part to one thread only
+
+        def work() -> None:
+            for block, places in left:
+                self._kernel(block, places, positions, rotations, time, wrenches_out)
+
+        if self._helpers == 0:
+            work()
+            return
+        helping = [self._executor().submit(work) for _ in range(self._helpers)]
+        work()
+        for helper in helping:
+            if not helper.cancel():  # one that comes too late is not waited for
+                helper.result()
+
+    def _executor(self) -> ThreadPoolExecutor:
+        """The helpers: in a forked process none of its parent's are alive."""
+        if self._process != getpid():
+            self._process = getpid()
+            self._pool = ThreadPoolExecutor(self._helpers, thread_name_prefix="waterline")
+        return self._pool

@@ -1,0 +1,64 @@
+"""Added mass: the water that an accelerating hull has to take along, as a 6 x 6 matrix."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.geometry import cone_moments, cone_volumes, inertia_of
+from sim.hull import Hull
+
+Array = NDArray[np.float64]
+
+SYMMETRY = 1e-9
+"""Relative round-off that a symmetric, positive semidefinite matrix given in decimals may have."""
+
+
+def added_mass_matrix(hull: Hull, density: float, added_mass: ArrayLike) -> Array:
+    """Added mass (6, 6) about the origin of the hull frame, of the fully submerged hull.
+
+    added_mass: six coefficients, or a (6, 6) matrix. Six: the first three times the mass of the
+    displaced water along the hull frame's axes, the last three times its moments of inertia about
+    them, all at the hull's centroid (a sphere: 0.5 0.5 0.5 0 0 0). The matrix: [kg], [kg m],
+    [kg m^2], (translation, rotation) along the axes and about the origin of the hull frame, which
+    must be the body's inertial frame. Raises ValueError.
+    """
+    given = np.asarray(added_mass, dtype=float)
+    if given.size not in (6, 36):
+        raise ValueError(
+            f"the added mass has {given.size} numbers; expected 6 coefficients or a 6 x 6 matrix"
+        )
+    if not np.isfinite(given).all():
+        raise ValueError("the added mass has a number that is not finite")
+    if given.size == 6:
+        if (given < 0.0).any():
+            raise ValueError(
+                f"the added mass has a negative coefficient, {given.min():g}; "
+                "all six must be 0 or more"
+            )
+        return _from_coefficients(hull, density, given.ravel())
+    matrix = given.reshape(6, 6)
+    largest = np.abs(matrix).max()
+    asymmetry = np.abs(matrix - matrix.T).max()
+    if asymmetry > SYMMETRY * largest:
+        raise ValueError(
+            "the added mass matrix is not symmetric: two opposite numbers differ by "
+            f"{asymmetry:g}; make both their mean"
+        )
+    lowest = np.linalg.eigvalsh(matrix)[0]
+    if lowest < -SYMMETRY * largest:
+        raise ValueError(
+            f"the added mass matrix has the negative eigenvalue {lowest:g}: the water would give "
+            "energy to an accelerating body; it must be positive semidefinite"
+        )
+    return 0.5 * (matrix + matrix.T)
+
+
+def _from_coefficients(hull: Hull, density: float, coefficients: Array) -> Array:
+    """Coefficients of the displaced water at the hull's centroid, moved to the frame's origin."""
+    corners = (hull.vertices - hull.centroid)[hull.faces]
+    inertia = np.diag(inertia_of(cone_moments(corners, cone_volumes(corners))))
+    at_centroid = density * np.diag(coefficients * np.concatenate([[hull.volume] * 3, inertia]))
+    x, y, z = hull.centroid
+    arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    move = np.eye(6)
+    move[:3, 3:] = -arm  # velocity of the centroid: v + omega x arm = v - arm x omega
+    return move.T @ at_centroid @ move

@@ -1,0 +1,407 @@
+"""Drag: what moving water does to a hull besides pushing it up.
+
+The hull's surface is gathered once into some hundred flat elements of area A, outward normal n
+and radius r. With u the velocity of an element relative to the water's own orbital motion there,
+u_n = u . n, u_t = u - u_n n, and w the wet part of the element, drag is
+
+    F = - density w A [ (c_l sqrt(g L) u_n + c_f |u_n| u_n / 4) n  +  c_t |u_t| u_t / 2 ],
+
+L being the cube root of the hull's volume. The three coefficients are dimensionless:
+
+    linear    c_l   waves made by the motion: at low speed it takes the energy of bobbing
+    form      c_f   eddies behind edges; half of it acts on the front, half on the rear, so that
+                    it is the drag coefficient of a cube moving along an edge; a sphere has c_f / 2
+    friction  c_t   along the skin
+
+and the cheap alternative, a uniform rate [1/s] at which angular momentum I omega decays
+(fully submerged). Every term opposes u: it never does work on the motion relative to the water.
+
+Drag may be strong and bodies light; the step that bears it is in `implicit`, how the water itself
+moves in `water.motion`.
+
+Sources: Morison et al. 1950 and Faltinsen 1990 for the splitting into terms; Newman 1977 for
+the wave damping; Kerner 2015 (Water interaction model for boats in video games) for drag summed
+over a hull's facets.
+"""
+
+import heapq
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.geometry import area_vectors, areas, cross, placed, split_triangles
+from sim.hull import Hull
+from sim.kernels import kernel, packed, read_only, record, summing_kernel, table
+from sim.resistance.added_mass import added_mass_matrix
+from sim.water.fit import SAFETY, newton_steps
+from sim.water.gerstner import LABELS, WATER, WAVE, set_labels, solve_labels
+from sim.water.head import head
+from sim.water.motion import VELOCITIES, water_velocities
+from sim.water.sea import Sea
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Table = NDArray[np.void]
+
+ELEMENTS = 128
+"""Surface elements a hull is gathered into, a multiple of gerstner.LANES; the cost of drag is
+proportional to it."""
+
+MOST_PIECES = 1_000_000
+"""Triangles that faces are split into at most before they are gathered; some hundred suffice."""
+
+LABEL_ERROR = 0.02
+"""Largest error of the labels above the elements, in hull lengths or in radians of the waves'
+phase: the water's velocity is then right to some 2 %, where drag coefficients are to 20 %."""
+
+ROW = ("f8", ELEMENTS)
+
+SURFACE = record(
+    x=ROW, y=ROW, z=ROW, normal_x=ROW, normal_y=ROW, normal_z=ROW, area=ROW, radius=ROW
+)  # fmt: skip
+"""The elements of a hull in its frame: points [m], unit normals, areas [m^2] and the radii [m] of
+discs of these areas; where there are fewer, the last ones have no area."""
+
+STRENGTH = record(linear="f8", form="f8", friction="f8", residual="f8", steps="i8")
+"""What a hull's drag is made with: density times coefficients, the factors of u_n, |u_n| u_n and
+|u_t| u_t; the residual [m] that labels may keep after so many Newton steps."""
+
+WORK = record(
+    x=ROW, y=ROW, z=ROW, depth=ROW, wet=ROW, force_x=ROW, force_y=ROW, force_z=ROW,
+    skin_x=ROW, skin_y=ROW, skin_z=ROW, across=ROW, along=ROW, rub=ROW,
+)  # fmt: skip
+"""Workspace: the elements in the world [m], their depths [m] and wet areas [m^2], forces [N] in the
+hull's axes, and what the forces' derivatives are made of:
+
+- dF/du = across n n^T + along t t^T + rub 1,    t the tangential velocity, `skin`.
+"""
+
+
+@dataclass(frozen=True)
+class DragCoefficients:
+    """linear, form, friction: dimensionless, see the module; angular [1/s], the rate at which
+    the angular momentum of the submerged body decays. Raises ValueError for one below 0."""
+
+    linear: float = 0.0
+    form: float = 0.0
+    friction: float = 0.0
+    angular: float = 0.0
+
+    def __post_init__(self) -> None:
+        for coefficient in fields(self):
+            value = getattr(self, coefficient.name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise ValueError(
+                    f"the {coefficient.name} drag coefficient is {value:g}; it must be finite and "
+                    "0 or more (below 0 drag would drive the body)"
+                )
+
+
+class Drag:
+    """Drag of one hull in a sea, and the added mass that it carries (see `added_mass`).
+
+    coefficients: the strengths of drag; added_mass: none, six coefficients, or a (6, 6)
+    matrix, checked by `added_mass.added_mass_matrix`. Raises ValueError.
+
+    surface, strength: the hull's SURFACE and STRENGTH; has_surface_drag: whether the elements
+    meet any.
+    """
+
+    def __init__(
+        self,
+        hull: Hull,
+        sea: Sea,
+        coefficients: DragCoefficients = DragCoefficients(),
+        added_mass: ArrayLike | None = None,
+    ) -> None:
+        self.hull = hull
+        self.sea = sea
+        self.coefficients = c = coefficients
+        self.added_mass = None
+        if added_mass is not None:
+            self.added_mass = added_mass_matrix(hull, sea.density, added_mass)
+        speed = np.sqrt(sea.gravity * np.cbrt(hull.volume))
+        pressures = sea.density * np.array([c.linear * speed, 0.25 * c.form, 0.5 * c.friction])
+        self.has_surface_drag = bool(pressures.any())
+        self.surface = surface_elements(hull) if self.has_surface_drag else np.zeros(1, SURFACE)
+        size = float(np.linalg.norm(hull.bounds[1] - hull.bounds[0]))
+        steps, residual = label_steps(sea, size)
+        self.strength = read_only(np.array([(*pressures, residual, steps)], STRENGTH))
+
+    def wrench(
+        self, position: ArrayLike, rotation: ArrayLike, velocity: ArrayLike, time: float
+    ) -> Array:
+        """Drag (6,) [N, N m] about the position, world axes, without the angular rate and without
+        added mass.
+
+        position (3,) [m], rotation (3, 3) or (9,): pose of the hull frame; velocity (6,) [m/s,
+        rad/s]: of its origin and angular, world axes; time [s].
+        """
+        rotation = np.ascontiguousarray(rotation, dtype=float).reshape(9)
+        turn = np.kron(np.eye(2), rotation.reshape(3, 3))
+        position = np.ascontiguousarray(position, dtype=float)
+        velocity, drag = turn.T @ np.asarray(velocity, dtype=float), np.zeros(6)
+        if self.has_surface_drag:
+            sea = self.sea
+            block = packed(self.surface, self.strength, sea.components, sea.water)
+            write_drag(block, position, rotation, velocity, float(time), drag)
+        return turn @ drag
+
+
+def surface_elements(hull: Hull, count: int = ELEMENTS) -> Table:
+    """The hull's surface gathered into `count` flat elements, a SURFACE.
+
+    Faces larger than half an element are split, then the largest group of faces is halved across
+    its widest direction, normals counting as places one hull radius from the middle, until
+    there are enough groups.
+    """
+    limit = areas(hull.vertices[hull.faces]).sum() / (2.0 * count)
+    corners = split_triangles(
+        hull.vertices[hull.faces], lambda c: areas(c) > limit, most=MOST_PIECES
+    )
+    vectors = area_vectors(corners)
+    sizes = np.linalg.norm(vectors, axis=1)
+    centres = corners.sum(axis=1) / 3.0
+    radius = 0.5 * np.linalg.norm(hull.bounds[1] - hull.bounds[0])
+    normals = vectors / np.maximum(sizes, np.finfo(float).tiny)[:, None]
+    places = np.hstack([centres / radius, normals])
+    groups = [(-sizes.sum(), 0, np.arange(len(sizes)))]
+    serial = 1
+    while len(groups) < count and len(groups[0][2]) > 1:
+        _, _, group = heapq.heappop(groups)
+        for half in _halves(group, places, sizes):
+            heapq.heappush(groups, (-sizes[half].sum(), serial, half))
+            serial += 1
+    members = [group for _, _, group in sorted(groups, key=lambda g: g[1])]
+    return _surface(members, sizes, centres, vectors)
+
+
+def _surface(members: list[Indices], sizes: Array, centres: Array, vectors: Array) -> Table:
+    """Groups of faces as a SURFACE: their areas, the middles of these and the mean normals."""
+    surface = np.zeros(1, SURFACE)
+    for i, group in enumerate(members):
+        area, vector = sizes[group].sum(), vectors[group].sum(axis=0)
+        point = sizes[group] @ centres[group] / area
+        normal = vector / max(np.linalg.norm(vector), np.finfo(float).tiny)
+        for axis, place, part in zip("xyz", point, normal, strict=True):
+            surface[axis][0, i], surface[f"normal_{axis}"][0, i] = place, part
+        surface["area"][0, i], surface["radius"][0, i] = area, np.sqrt(area / np.pi)
+    for name in SURFACE.names:
+        if name != "area":
+            surface[name][0, len(members) :] = surface[name][0, 0]
+    return read_only(surface)
+
+
+def _halves(group: Indices, places: Array, sizes: Array) -> tuple[Indices, Indices]:
+    """Two parts, to both sides of a cut across the widest direction, placed so that the
+    parts' own spread is least: along edges of the surface where there are any."""
+    weights = sizes[group] / sizes[group].sum()
+    spread = places[group] - weights @ places[group]
+    _, directions = np.linalg.eigh((spread * weights[:, None]).T @ spread)
+    along = spread @ directions[:, -1]
+    order = np.argsort(along, kind="stable")
+    weight = np.cumsum(weights[order])[:-1]
+    moment = np.cumsum((weights * along)[order])[:-1]
+    between = moment**2 / np.maximum(weight * (1.0 - weight), np.finfo(float).tiny)
+    cut = int(np.argmax(between)) + 1
+    return group[order[:cut]], group[order[cut:]]
+
+
+def label_steps(sea: Sea, size: float) -> tuple[int, float]:
+    """Newton steps, from the point itself, that bring the labels of all samples to LABEL_ERROR for
+    a hull of a size [m], and the residual [m] before the last of them that no sample
+    exceeded. With as many steps for every element drag is a smooth function of the pose."""
+    waves = sea.components
+    speeds = waves["frequency"] * waves["amplitude"]
+    if not speeds.any():
+        return 1, np.inf
+    wavenumber = np.linalg.norm(waves["wavenumber"] * speeds) / np.linalg.norm(speeds)
+    allowed = LABEL_ERROR * min(size, 1.0 / wavenumber)
+    steps, residual = newton_steps(sea, allowed)
+    return steps, SAFETY * residual
+
+
+@kernel
+def place_elements(surface, position, rotation, labels_out, work_out):
+    """World positions of the elements, also as the first guess of their labels."""
+    s, e = surface, work_out[0]
+    for i in range(ELEMENTS):
+        e.x[i], e.y[i], e.z[i] = placed(s.x[i], s.y[i], s.z[i], position, rotation)
+    set_labels(e.x, e.y, labels_out)
+
+
+@summing_kernel
+def wet_areas(surface, heights, level, work_out):
+    """Depths and wet areas of the elements, from the heights [m] of the surface above the level;
+    returns the sum of these areas."""
+    s, e, total = surface, work_out[0], 0.0
+    for i in range(ELEMENTS):
+        depth = head(heights[i], e.z[i] - level)
+        # An element gets wet over its own size, so that no force jumps.
+        share = min(max(0.5 + 0.5 * depth / s.radius[i], 0.0), 1.0)
+        e.wet[i] = share * s.area[i]
+        e.depth[i] = max(depth, 0.0)
+        total += e.wet[i]
+    return total
+
+
+@kernel
+def element_forces(surface, strength, rotation, velocity, velocities, work_out):
+    """Forces of the elements and their derivatives, from the velocity (6,) of the hull in its own
+    axes and the VELOCITIES of the water."""
+    s, e, water = surface, work_out[0], velocities[0]
+    linear, form, friction = strength.linear, strength.form, strength.friction
+    vx, vy, vz, wx, wy, wz = velocity
+    ax, ay, az, bx, by, bz, cx, cy, cz = rotation
+    for i in range(ELEMENTS):
+        sx, sy, sz = water.x[i], water.y[i], water.z[i]
+        x, y, z = cross(wx, wy, wz, s.x[i], s.y[i], s.z[i])
+        ux = vx + x - (ax * sx + bx * sy + cx * sz)
+        uy = vy + y - (ay * sx + by * sy + cy * sz)
+        uz = vz + z - (az * sx + bz * sy + cz * sz)
+        nx, ny, nz = s.normal_x[i], s.normal_y[i], s.normal_z[i]
+        speed = ux * nx + uy * ny + uz * nz
+        tx, ty, tz = ux - speed * nx, uy - speed * ny, uz - speed * nz
+        skin_speed = np.sqrt(tx * tx + ty * ty + tz * tz)
+        area = e.wet[i]
+        push = area * (linear + form * abs(speed)) * speed
+        rub = area * friction * skin_speed
+        e.force_x[i] = -push * nx - rub * tx
+        e.force_y[i] = -push * ny - rub * ty
+        e.force_z[i] = -push * nz - rub * tz
+        e.skin_x[i], e.skin_y[i], e.skin_z[i] = tx, ty, tz
+        e.across[i] = area * (linear + 2.0 * form * abs(speed)) - rub
+        e.along[i] = area * friction / skin_speed if skin_speed > 0.0 else 0.0
+        e.rub[i] = rub
+
+
+@summing_kernel
+def add_forces(surface, work, wrench_out):
+    """Add the elements' forces and their torques to a wrench (6,)."""
+    s, e = surface, work[0]
+    fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(ELEMENTS):
+        x, y, z = e.force_x[i], e.force_y[i], e.force_z[i]
+        px, py, pz = s.x[i], s.y[i], s.z[i]
+        fx, fy, fz = fx + x, fy + y, fz + z
+        tx, ty, tz = tx + (py * z - pz * y), ty + (pz * x - px * z), tz + (px * y - py * x)
+    wrench_out[0] += fx
+    wrench_out[1] += fy
+    wrench_out[2] += fz
+    wrench_out[3] += tx
+    wrench_out[4] += ty
+    wrench_out[5] += tz
+
+
+@summing_kernel
+def add_squares(surface, ax, ay, az, weights, factor, damping_out):
+    """Add factor * sum of weight b b^T, b = (a, point x a), to the lower triangle of damping
+    (6, 6); vectors a and weights of each element."""
+    p = surface
+    aa, ba, bb, ca, cb, cc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    da, db, dc, dd, ea, eb, ec, ed, ee = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    fa, fb, fc, fd, fe, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(ELEMENTS):
+        w, a, b, c = weights[i], ax[i], ay[i], az[i]
+        x, y, z = p.x[i], p.y[i], p.z[i]
+        d, e, f = y * c - z * b, z * a - x * c, x * b - y * a
+        wa, wb, wc, wd, we, wf = w * a, w * b, w * c, w * d, w * e, w * f
+        aa, ba, bb = aa + wa * a, ba + wb * a, bb + wb * b
+        ca, cb, cc = ca + wc * a, cb + wc * b, cc + wc * c
+        da, db, dc, dd = da + wd * a, db + wd * b, dc + wd * c, dd + wd * d
+        ea, eb, ec, ed, ee = ea + we * a, eb + we * b, ec + we * c, ed + we * d, ee + we * e
+        fa, fb, fc = fa + wf * a, fb + wf * b, fc + wf * c
+        fd, fe, ff = fd + wf * d, fe + wf * e, ff + wf * f
+    sums = (
+        aa, ba, bb, ca, cb, cc, da, db, dc, dd, ea, eb, ec, ed, ee, fa, fb, fc, fd, fe, ff
+    )  # fmt: skip
+    k = 0
+    for i in range(6):
+        for j in range(i + 1):
+            damping_out[i, j] += factor * sums[k]
+            k += 1
+
+
+@summing_kernel
+def add_rub(surface, weights, factor, damping_out):
+    """Add factor * sum of weight (1, [point x]) (1, [point x])^T to the lower triangle of
+    damping (6, 6)."""
+    p = surface
+    s, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
+    xx, yx, yy, zx, zy, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(ELEMENTS):
+        w, x, y, z = weights[i], p.x[i], p.y[i], p.z[i]
+        wx, wy, wz = w * x, w * y, w * z
+        s, sx, sy, sz = s + w, sx + wx, sy + wy, sz + wz
+        xx, yx, yy = xx + wx * x, yx + wy * x, yy + wy * y
+        zx, zy, zz = zx + wz * x, zy + wz * y, zz + wz * z
+    for i in range(3):
+        damping_out[i, i] += factor * s
+    damping_out[3, 1] -= factor * sz
+    damping_out[3, 2] += factor * sy
+    damping_out[4, 0] += factor * sz
+    damping_out[4, 2] -= factor * sx
+    damping_out[5, 0] -= factor * sy
+    damping_out[5, 1] += factor * sx
+    damping_out[3, 3] += factor * (yy + zz)
+    damping_out[4, 4] += factor * (xx + zz)
+    damping_out[5, 5] += factor * (xx + yy)
+    damping_out[4, 3] -= factor * yx
+    damping_out[5, 3] -= factor * zx
+    damping_out[5, 4] -= factor * zy
+
+
+@kernel
+def add_element_drag(surface, strength, factor, work, wrench_out, damping_out):
+    """See `add_hull_drag`, once the elements' forces are known."""
+    s, e = surface, work[0]
+    add_forces(s, work, wrench_out)
+    add_squares(s, s.normal_x, s.normal_y, s.normal_z, e.across, factor, damping_out)
+    if strength.friction > 0.0:
+        add_squares(s, e.skin_x, e.skin_y, e.skin_z, e.along, factor, damping_out)
+        add_rub(s, e.rub, factor, damping_out)
+
+
+@kernel
+def solve_elements(strength, waves, time, guess, work, heights_out, labels_out):
+    """Labels of the water above the elements, and heights (ELEMENTS,) [m] of its surface there."""
+    e, residual, steps = work[0], strength.residual, strength.steps
+    solve_labels(e.x, e.y, guess, waves, time, residual, steps, heights_out, labels_out)
+
+
+@kernel
+def element_velocities(work, waves, time, labels, velocities_out):
+    """VELOCITIES of the water at the elements."""
+    water_velocities(ELEMENTS, work[0].depth, waves, time, labels, velocities_out)
+
+
+@kernel
+def add_hull_drag(
+    surface, strength, waves, water, position, rotation, velocity, time, factor,
+    wrench_out, damping_out,
+):  # fmt: skip
+    """Add a hull's drag to a wrench (6,) and factor * - d wrench / d velocity to the lower triangle
+    of damping (6, 6): these and velocity (6,) along the axes of the hull frame."""
+    work, velocities = np.empty(1, WORK), np.empty(1, VELOCITIES)
+    guess, labels, heights = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(ELEMENTS)
+    place_elements(surface, position, rotation, guess, work)
+    solve_elements(strength, waves, time, guess, work, heights, labels)
+    if wet_areas(surface, heights, water[0].level, work) == 0.0:
+        return
+    element_velocities(work, waves, time, labels, velocities)
+    element_forces(surface, strength, rotation, velocity, velocities, work)
+    add_element_drag(surface, strength, factor, work, wrench_out, damping_out)
+
+
+@kernel
+def write_drag(block, position, rotation, velocity, time, wrench_out):
+    """A single hull's drag (6,), all along the axes of its frame."""
+    surface, strength = table(block, 0, SURFACE), table(block, 1, STRENGTH)
+    waves, water = table(block, 2, WAVE), table(block, 3, WATER)
+    damping = np.zeros((6, 6))
+    wrench_out[:] = 0.0
+    add_hull_drag(
+        surface[0], strength[0], waves, water, position, rotation, velocity, time, 1.0,
+        wrench_out, damping,
+    )  # fmt: skip

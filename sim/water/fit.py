@@ -1,0 +1,180 @@
+"""Fit: how few points of a sea have to be solved, for what error.
+
+Numbers that have no useful bound, such as over what distance a jet holds or how many Newton steps
+a label takes, are found on samples of the sea: particles of all phases alike. Where many waves
+would have to conspire, bounds are several times too careful.
+"""
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.kernels import read_only
+from sim.water.gerstner import (
+    CHUNK,
+    LABELS,
+    PLAIN_STEPS,
+    SUMS,
+    newton_labels,
+    set_labels,
+    wave_sums,
+)
+from sim.water.jets import JET, solve_jets
+from sim.water.sea import Sea
+
+Array = NDArray[np.float64]
+Table = NDArray[np.void]
+
+SAMPLES = 2048
+"""Particles on which such numbers are found."""
+
+SAFETY = 1.5
+"""The worst place of the sea may be this much worse than the worst sample."""
+
+DISC = 0.65
+"""Jets are fitted over a disc of so many radii of the largest patch allowed: seen from above, most
+of a patch is near its middle. The wrench's errors were smallest so, among 0.4 to 1.1."""
+
+DIRECTIONS, RINGS = 8, (0.25, 0.5, 0.75, 1.0)
+"""Directions and distances, in radii, in which jets are tried on the samples of the sea."""
+
+RADII = 20
+"""Radii that are tried at most: a tolerance near round-off is met by none, and the number of
+triangles it asks for is refused."""
+
+SHIFT = 0.05
+"""A jet may come from a particle so many radii away from the patch's centre: the solve for it then
+ends early, and patches are by that much smaller."""
+
+
+def sample_labels(sea: Sea) -> Array:
+    """Labels (SAMPLES, 2) [m] of the samples, spread over many wavelengths."""
+    span = 1000.0 * max((wave.wavelength for wave in sea.waves), default=1.0)
+    return np.random.default_rng(0).uniform(-span, span, (SAMPLES, 2))
+
+
+def sample_places(sea: Sea) -> tuple[Array, Array]:
+    """Places x, y (SAMPLES,) [m] of the samples at time 0, most of them where particles crowd, at
+    the crests."""
+    return tuple(sea.particles(sample_labels(sea), 0.0)[:, :2].T.copy())
+
+
+def newton_steps(sea: Sea, error: float) -> tuple[int, float]:
+    """Newton steps, from the place itself, that bring the labels of all samples within an error [m]
+    of the true ones, and the largest residual [m] that was left before the last of them. Taking as
+    many everywhere leaves a smooth function of the place."""
+    truth, (x, y) = sample_labels(sea), sample_places(sea)
+    labels = np.column_stack([x, y])
+    steps, missed, residual = 0, np.inf, 0.0
+    while missed > error and steps < PLAIN_STEPS:
+        labels, residual = _stepped(sea, x, y, labels)
+        missed = np.hypot(*(labels - truth).T).max()
+        steps += 1
+    return steps, residual
+
+
+def _stepped(sea: Sea, x: Array, y: Array, labels: Array) -> tuple[Array, float]:
+    """Labels (N, 2) one Newton step further, and the largest residual [m] before it."""
+    guess, sums, found = np.empty(1, LABELS), np.empty(1, SUMS), np.empty(1, LABELS)
+    stepped, heights, largest = np.empty_like(labels), np.empty(CHUNK), 0.0
+    for start in range(0, len(labels), CHUNK):
+        chunk = slice(start, min(start + CHUNK, len(labels)))
+        count = chunk.stop - start
+        filled = set_labels(labels[chunk, 0].copy(), labels[chunk, 1].copy(), guess)
+        wave_sums(filled, sea.components, 0.0, guess, sums)
+        newton_labels(x[chunk], y[chunk], guess, sums, heights, found)
+        stepped[chunk] = np.column_stack([found["x"][0, :count], found["y"][0, :count]])
+        largest = max(largest, float(found["residual"][0, :count].max()))
+    return stepped, float(np.sqrt(largest))
+
+
+def fitted_waves(sea: Sea, radius: float) -> Table:
+    """Components whose jets are cubics that fit best over a disc of a radius [m], instead of
+    Taylor's, which are best in its centre and several times worse at its rim.
+
+    Along its direction each wave is replaced by the cubic next to it in the mean square over
+    the disc. With s the place over the radius and u = k radius that is
+
+        cos(u s) ~ b0 + b2 (4 s^2 - 1),        sin(u s) ~ 2 b1 s + b3 (8 s^3 - 4 s),
+
+    Chebyshev's polynomials of the second kind, whose weight is that of a disc seen from the
+    side; value and derivatives in the centre follow (economised series: Lanczos 1938).
+    Products of waves stay Taylor's. Slopes and offsets are changed so much alike that a
+    label's Newton steps still shrink the residual, by a third or more, in any sea.
+    """
+    fitted = sea.components.copy()
+    u = fitted["wavenumber"][:, None] * radius
+    count = 32 + 2 * int(u.max(initial=0.0))  # enough to resolve the shortest wave
+    angles = np.pi * np.arange(1, count) / count
+    s, weights = np.cos(angles), 2.0 / count * np.sin(angles)
+    b0, b2 = (np.cos(u * s) @ (weights * np.sin(n * angles)) for n in (1, 3))
+    b1, b3 = (np.sin(u * s) @ (weights * np.sin(n * angles)) for n in (2, 4))
+    amplitude = sea.components["amplitude"]
+    fitted["amplitude"] = amplitude * (b0 - b2)
+    fitted["ka"] = amplitude * (2.0 * b1 - 4.0 * b3) / radius
+    fitted["kka"] = amplitude * -8.0 * b2 / radius**2
+    fitted["kkka"] = amplitude * -48.0 * b3 / radius**3
+    return read_only(fitted)
+
+
+def jet_radius(sea: Sea, tolerance: float, largest: float) -> float:
+    """Radius [m] up to which a fitted jet of the sea is right to the tolerance [m], at most
+    `largest` [m]; inf on flat water.
+
+    A bound from the fourth derivatives would do as well, but where many waves would have to
+    conspire it asks for several times too many patches. So jets are tried where particles
+    are, all phases alike, and the worst error found, times SAFETY, has to pass.
+    """
+    if not sea.components.size:
+        return np.inf
+    x, y = sample_places(sea)
+    radius = largest
+    for _ in range(RADII):
+        jets = jets_at(sea, x, y, fitted_waves(sea, DISC * radius))
+        error = SAFETY * jet_error(sea, x, y, jets, (1.0 + SHIFT) * radius)
+        if error <= tolerance:
+            break
+        # error ~ radius^4 where it is small; a hair less, so that the next try passes
+        radius *= 0.99 * (tolerance / error) ** 0.25
+    return radius
+
+
+def jets_at(sea: Sea, x: Array, y: Array, waves: Table) -> Table:
+    """Jets (N,) at places x, y: (N,) [m] at time 0 of the sea's own or of fitted waves."""
+    jets = np.empty(x.size, JET)
+    solve_jets(x, y, waves, 0.0, float(sea.water["tolerance"][0]), 0, jets)
+    return jets
+
+
+def jet_error(sea: Sea, x: Array, y: Array, jets: Table, radius: float) -> float:
+    """Largest error [m] of the jets at places x, y, up to a radius away from them."""
+    angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    worst = 0.0
+    for ring, angle in product(RINGS, angles):
+        dx, dy = ring * radius * np.cos(angle), ring * radius * np.sin(angle)
+        found = sea.elevation(x + dx, y + dy, 0.0) - sea.level
+        worst = max(worst, float(np.abs(found - cubic(jets, dx, dy)).max()))
+    return worst
+
+
+def cubic(jets: Table, dx: float, dy: float) -> Array:
+    """Heights (N,) [m] above the level that jets say for places dx, dy [m] away."""
+    height = jets["z"] + dx * jets["z_x"] + dy * jets["z_y"]
+    height += 0.5 * (dx * dx * jets["z_xx"] + dy * dy * jets["z_yy"]) + dx * dy * jets["z_xy"]
+    height += (dx**3 * jets["z_xxx"] + dy**3 * jets["z_yyy"]) / 6.0
+    height += 0.5 * dx * dy * (dx * jets["z_xxy"] + dy * jets["z_xyy"])
+    return height
+
+
+def longest_edge(sea: Sea, tolerance: float) -> float:
+    """Edge [m] up to which a surface linear over a triangle is right to the tolerance [m].
+
+    Linear interpolation within a circle of radius r misses M r^2 / 2, M being the largest second
+    derivative (of the samples, times SAFETY), and r is at most the edge over the root of 3.
+    """
+    if not sea.components.size:
+        return np.inf
+    hessians = sea.surface(*sample_places(sea), 0.0).hessian
+    largest = SAFETY * float(np.abs(np.linalg.eigvalsh(hessians)).max())
+    return np.sqrt(6.0 * tolerance / largest) if largest > 0.0 else np.inf

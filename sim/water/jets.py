@@ -1,0 +1,248 @@
+"""Jets: the surface around a point as a cubic, from one solve.
+
+A jet is the surface's height above a point with all its derivatives up to the third. The surface is
+z(alpha) over x(alpha) (see `gerstner`). With J = dx/dalpha, derivatives by labels on the right and
+those of the surface on the left, the chain rule gives one order after the other:
+
+    G    = J^-1 z_a                                                                  slopes
+    H    = J^-1 M J^-1,    M_jk = z_jk - G_i x_i,jk                                  curvatures
+    K    = J^-1 J^-1 J^-1 N,                                                         third
+           N_jkm = z_jkm - G_i x_i,jkm - (x_i,jk E_im + x_i,jm E_ik + x_i,km E_ij),    E = J^-1 M.
+
+The solve ends early, at a particle near the point; the cubic is then shifted to the point.
+"""
+
+import numpy as np
+
+from sim.kernels import inline, kernel, record
+from sim.water.gerstner import (
+    CHUNK,
+    LABELS,
+    ROW,
+    SUMS,
+    add_wave,
+    clear_sums,
+    newton_labels,
+    set_labels,
+    sine_cosine,
+    solve_labels,
+    solved,
+    wave_sums,
+)
+
+JET = record(
+    z="f8", z_x="f8", z_y="f8", z_xx="f8", z_xy="f8", z_yy="f8",
+    z_xxx="f8", z_xxy="f8", z_xyy="f8", z_yyy="f8", label_x="f8", label_y="f8",
+)  # fmt: skip
+"""The surface's height z above the level [m] with its derivatives by place at a point, and the
+label of the particle there."""
+
+HIGHER_SUMS = record(
+    x_xx=ROW, x_xy=ROW, x_yy=ROW, y_yy=ROW, z_xx=ROW, z_xy=ROW, z_yy=ROW,
+    z_xxx=ROW, z_xxy=ROW, z_xyy=ROW, z_yyy=ROW,
+    x_xxx=ROW, x_xxy=ROW, x_xyy=ROW, x_yyy=ROW, y_yyy=ROW,
+    sine=ROW, cosine=ROW,
+)  # fmt: skip
+"""Workspace: second and third derivatives of particles by their labels (y_xx is x_xy, y_xy is x_yy
+and so on), and the sine and cosine of one wave."""
+
+SURFACE = record(
+    z=ROW, z_x=ROW, z_y=ROW, z_xx=ROW, z_xy=ROW, z_yy=ROW,
+    z_xxx=ROW, z_xxy=ROW, z_xyy=ROW, z_yyy=ROW,
+)  # fmt: skip
+"""Workspace: height and derivatives of the surface by place."""
+
+FIRST = record(z_x=ROW, z_y=ROW, m_xx=ROW, m_xy=ROW, m_yy=ROW)
+"""Workspace: slopes of the surface, and M of the module's docstring."""
+
+
+@kernel
+def jet_sums(count, waves, time, labels, sums_out, higher_out):
+    """The SUMS and HIGHER_SUMS at the first `count` LABELS. Loops with few fields each, which the
+    compiler vectorises."""
+    at, p, h = labels[0], sums_out[0], higher_out[0]
+    clear_sums(p, count)
+    for i in range(count):
+        h.x_xx[i], h.x_xy[i], h.x_yy[i], h.y_yy[i] = 0.0, 0.0, 0.0, 0.0
+        h.z_xx[i], h.z_xy[i], h.z_yy[i] = 0.0, 0.0, 0.0
+    for i in range(count):
+        h.z_xxx[i], h.z_xxy[i], h.z_xyy[i], h.z_yyy[i] = 0.0, 0.0, 0.0, 0.0
+        h.x_xxx[i], h.x_xxy[i], h.x_xyy[i], h.x_yyy[i], h.y_yyy[i] = 0.0, 0.0, 0.0, 0.0, 0.0
+    for w in range(waves.size):
+        wave = waves[w]
+        turns_x, turns_y = wave.turns_x, wave.turns_y
+        turns = wave.turns - wave.frequency * time
+        a, dx, dy = wave.amplitude, wave.direction_x, wave.direction_y
+        ka, kka, kkka = wave.ka, wave.kka, wave.kkka
+        for i in range(count):
+            s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
+            h.sine[i], h.cosine[i] = s, c
+        for i in range(count):
+            add_wave(p, i, h.sine[i], h.cosine[i], a, ka, dx, dy)
+        xx, xy, yy = dx * dx, dx * dy, dy * dy
+        for i in range(count):
+            s, c = kka * h.sine[i], kka * h.cosine[i]
+            h.z_xx[i] -= xx * s
+            h.z_xy[i] -= xy * s
+            h.z_yy[i] -= yy * s
+            h.x_xx[i] -= dx * xx * c
+            h.x_xy[i] -= dy * xx * c
+            h.x_yy[i] -= dx * yy * c
+            h.y_yy[i] -= dy * yy * c
+        for i in range(count):
+            s, c = kkka * h.sine[i], kkka * h.cosine[i]
+            h.z_xxx[i] -= dx * xx * c
+            h.z_xxy[i] -= dy * xx * c
+            h.z_xyy[i] -= dx * yy * c
+            h.z_yyy[i] -= dy * yy * c
+            h.x_xxx[i] += xx * xx * s
+            h.x_xxy[i] += xx * xy * s
+            h.x_xyy[i] += xx * yy * s
+            h.x_yyy[i] += xy * yy * s
+            h.y_yyy[i] += yy * yy * s
+
+
+@kernel
+def first_derivatives(count, sums, higher, first_out):
+    """Slopes G of the surface at the particles, and the matrices M."""
+    p, h, f = sums[0], higher[0], first_out[0]
+    for i in range(count):
+        gx, gy = solved(p, i, p.z_x[i], p.z_y[i])
+        f.m_xx[i] = h.z_xx[i] - (gx * h.x_xx[i] + gy * h.x_xy[i])
+        f.m_xy[i] = h.z_xy[i] - (gx * h.x_xy[i] + gy * h.x_yy[i])
+        f.m_yy[i] = h.z_yy[i] - (gx * h.x_yy[i] + gy * h.y_yy[i])
+        f.z_x[i], f.z_y[i] = gx, gy
+
+
+@inline
+def thirds(p, h, f, i):
+    """N_xxx, N_xxy, N_xyy and N_yyy at point i."""
+    gx, gy = f.z_x[i], f.z_y[i]
+    exx, eyx = solved(p, i, f.m_xx[i], f.m_xy[i])
+    exy, eyy = solved(p, i, f.m_xy[i], f.m_yy[i])
+    xxx = h.z_xxx[i] - (gx * h.x_xxx[i] + gy * h.x_xxy[i])
+    xxy = h.z_xxy[i] - (gx * h.x_xxy[i] + gy * h.x_xyy[i])
+    xyy = h.z_xyy[i] - (gx * h.x_xyy[i] + gy * h.x_yyy[i])
+    yyy = h.z_yyy[i] - (gx * h.x_yyy[i] + gy * h.y_yyy[i])
+    x_xx, x_xy, x_yy, y_yy = h.x_xx[i], h.x_xy[i], h.x_yy[i], h.y_yy[i]
+    return (
+        xxx - 3.0 * (x_xx * exx + x_xy * eyx),
+        xxy - (x_xx * exy + x_xy * eyy + 2.0 * (x_xy * exx + x_yy * eyx)),
+        xyy - (2.0 * (x_xy * exy + x_yy * eyy) + x_yy * exx + y_yy * eyx),
+        yyy - 3.0 * (x_yy * exy + y_yy * eyy),
+    )
+
+
+@kernel
+def derivatives(count, sums, higher, first, surface_out):
+    """Height and all derivatives of the surface at the particles: loops with as few fields as can
+    be, which vectorise."""
+    p, h, f, s = sums[0], higher[0], first[0], surface_out[0]
+    for i in range(count):
+        xxx, xxy, xyy, yyy = thirds(p, h, f, i)
+        ax, bx = solved(p, i, xxx, xxy)
+        ay, by = solved(p, i, xxy, xyy)
+        az, bz = solved(p, i, xyy, yyy)
+        xxx, xyx = solved(p, i, ax, ay)
+        xxy, xyy = solved(p, i, ay, az)
+        yyx = solved(p, i, bx, by)[1]
+        yyy = solved(p, i, by, bz)[1]
+        s.z_xxx[i], s.z_xxy[i] = solved(p, i, xxx, xxy)
+        s.z_xyy[i] = solved(p, i, xyx, xyy)[1]
+        s.z_yyy[i] = solved(p, i, yyx, yyy)[1]
+    for i in range(count):
+        px, py = solved(p, i, f.m_xx[i], f.m_xy[i])
+        qx, qy = solved(p, i, f.m_xy[i], f.m_yy[i])
+        s.z_xx[i], s.z_xy[i] = solved(p, i, px, qx)
+        s.z_yy[i] = solved(p, i, py, qy)[1]
+        s.z[i], s.z_x[i], s.z_y[i] = p.z[i], f.z_x[i], f.z_y[i]
+
+
+@kernel
+def shifted(x, y, labels, sums, surface, surface_out, labels_out):
+    """The surface's derivatives, shifted from its particles to the points x, y: (N,) [m]. What is
+    left of the residual r enters the height in fourth order, the slopes in third. The labels
+    follow in first."""
+    at, p, s, to, new = labels[0], sums[0], surface[0], labels_out[0], surface_out[0]
+    for i in range(x.size):
+        rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
+        step_x, step_y = solved(p, i, rx, ry)
+        to.x[i], to.y[i] = at.x[i] + step_x, at.y[i] + step_y
+    for i in range(x.size):
+        rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
+        turn_xx = s.z_xxx[i] * rx + s.z_xxy[i] * ry
+        turn_xy = s.z_xxy[i] * rx + s.z_xyy[i] * ry
+        turn_yy = s.z_xyy[i] * rx + s.z_yyy[i] * ry
+        bend_xx, bend_xy = s.z_xx[i] + turn_xx / 3.0, s.z_xy[i] + turn_xy / 3.0
+        bend_yy = s.z_yy[i] + turn_yy / 3.0
+        rise_x = s.z_x[i] + 0.5 * (bend_xx * rx + bend_xy * ry)
+        rise_y = s.z_y[i] + 0.5 * (bend_xy * rx + bend_yy * ry)
+        new.z[i] = s.z[i] + (rise_x * rx + rise_y * ry)
+    for i in range(x.size):
+        rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
+        turn_xx = s.z_xxx[i] * rx + s.z_xxy[i] * ry
+        turn_xy = s.z_xxy[i] * rx + s.z_xyy[i] * ry
+        turn_yy = s.z_xyy[i] * rx + s.z_yyy[i] * ry
+        bend_xx, bend_xy = s.z_xx[i] + 0.5 * turn_xx, s.z_xy[i] + 0.5 * turn_xy
+        bend_yy = s.z_yy[i] + 0.5 * turn_yy
+        new.z_x[i] = s.z_x[i] + (bend_xx * rx + bend_xy * ry)
+        new.z_y[i] = s.z_y[i] + (bend_xy * rx + bend_yy * ry)
+        new.z_xx[i], new.z_xy[i] = s.z_xx[i] + turn_xx, s.z_xy[i] + turn_xy
+        new.z_yy[i] = s.z_yy[i] + turn_yy
+    for i in range(x.size):
+        new.z_xxx[i], new.z_xxy[i] = s.z_xxx[i], s.z_xxy[i]
+        new.z_xyy[i], new.z_yyy[i] = s.z_xyy[i], s.z_yyy[i]
+
+
+@kernel
+def largest_residual(x, y, labels, sums):
+    """Largest residual squared [m^2] of the points x, y at the labels that the sums are of."""
+    at, p, largest = labels[0], sums[0], 0.0
+    for i in range(x.size):
+        rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
+        largest = max(largest, rx * rx + ry * ry)
+    return largest
+
+
+@kernel
+def gather_jets(surface, labels, jets_out):
+    """The jets (N,) of a chunk's points from its workspaces."""
+    s, at = surface[0], labels[0]
+    for i in range(jets_out.size):
+        jet = jets_out[i]
+        jet.z, jet.z_x, jet.z_y = s.z[i], s.z_x[i], s.z_y[i]
+        jet.z_xx, jet.z_xy, jet.z_yy = s.z_xx[i], s.z_xy[i], s.z_yy[i]
+        jet.z_xxx, jet.z_xxy, jet.z_xyy, jet.z_yyy = s.z_xxx[i], s.z_xxy[i], s.z_xyy[i], s.z_yyy[i]
+        jet.label_x, jet.label_y = at.x[i], at.y[i]
+
+
+@kernel
+def solve_jets(x, y, waves, time, tolerance, steps, jets_out):
+    """Jets (N,) of the surface at the points x, y: (N,) [m], from one solve.
+
+    Takes `steps` plain Newton steps from the points to the labels. Where that leaves a residual
+    above the tolerance [m] the labels are solved further, so as long as the steps suffice, jets
+    are smooth functions of the point however loose the tolerance is.
+    """
+    labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
+    higher, first = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST)
+    at_particles, at_points = np.empty(1, SURFACE), np.empty(1, SURFACE)
+    heights = np.empty(CHUNK)
+    for start in range(0, x.size, CHUNK):
+        end = min(start + CHUNK, x.size)
+        px, py = x[start:end], y[start:end]
+        filled = set_labels(px, py, labels)
+        set_labels(px, py, nearer)
+        for _ in range(steps):
+            wave_sums(filled, waves, time, labels, sums)
+            newton_labels(px, py, labels, sums, heights, nearer)
+            labels, nearer = nearer, labels
+        jet_sums(filled, waves, time, labels, sums, higher)
+        if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
+            solve_labels(px, py, labels, waves, time, tolerance, 1, heights[: end - start], nearer)
+            labels, nearer = nearer, labels
+            jet_sums(filled, waves, time, labels, sums, higher)
+        first_derivatives(filled, sums, higher, first)
+        derivatives(filled, sums, higher, first, at_particles)
+        shifted(px, py, labels, sums, at_particles, at_points, nearer)
+        gather_jets(at_points, nearer, jets_out[start:end])

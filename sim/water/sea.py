@@ -1,0 +1,247 @@
+"""Sea: the water as a sum of Gerstner waves, from arrays to arrays.
+
+The formulas and the solver are in `gerstner`, `head` and `jets`; here is the public class, its
+checks and its units.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.kernels import read_only
+from sim.water.gerstner import WATER, solve_heights
+from sim.water.head import solve_heads
+from sim.water.jets import JET, solve_jets
+from sim.water.spectrum import DEFAULT_SPREAD, jonswap
+from sim.water.wave import Wave, wave_table
+
+Array = NDArray[np.float64]
+Table = NDArray[np.void]
+
+ELEVATION_ERROR = 1e-13
+"""Error [m] that the solver leaves in an elevation, apart from the round-off of the position. It
+sets the residual at which a label counts as found."""
+
+
+class Surface(NamedTuple):
+    """The surface above given points: elevation (...) [m], gradient (..., 2), Hessian
+    (..., 2, 2) [1/m], and the water's velocity there (..., 3) [m/s], all in world axes."""
+
+    elevation: Array
+    gradient: Array
+    hessian: Array
+    velocity: Array
+
+
+@dataclass(frozen=True)
+class Sea:
+    """A sum of Gerstner waves over still water at `level` [m].
+
+    waves: any number, none for flat water; density [kg/m^3]; gravity [m/s^2], downwards.
+    Positions are world coordinates [m], times [s]; x, y, z and time broadcast. Immutable.
+    Raises ValueError for waves that fold (sum of k a at 1 or above) and unusable numbers.
+
+    steepness: sum of k a over the waves, the surface is a graph below 1; amplitude [m]: sum of
+    the amplitudes, no crest rises and no trough falls further from the level; components: the waves
+    as kernels read them (`gerstner.WAVE`); water: all else that they need (`gerstner.WATER`).
+    """
+
+    waves: tuple[Wave, ...] = ()
+    density: float = 1025.0
+    gravity: float = 9.81
+    level: float = 0.0
+    steepness: float = field(init=False, repr=False, compare=False)
+    amplitude: float = field(init=False, repr=False, compare=False)
+    components: Table = field(init=False, repr=False, compare=False)
+    water: Table = field(init=False, repr=False, compare=False)
+
+    def __init__(
+        self,
+        waves: Iterable[Wave] = (),
+        density: float = 1025.0,
+        gravity: float = 9.81,
+        level: float = 0.0,
+    ) -> None:
+        for name, value in (("density", density), ("gravity", gravity)):
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"water {name} is {value}; it must be finite and above 0")
+        if not np.isfinite(level):
+            raise ValueError(f"water level is {level}; it must be a finite number")
+        waves = tuple(waves)
+        self._set(waves=waves, density=float(density), gravity=float(gravity), level=float(level))
+        self._set(steepness=float(sum(w.steepness for w in waves)))
+        self._set(amplitude=float(sum(w.amplitude for w in waves)))
+        if self.steepness >= 1.0:
+            raise ValueError(
+                f"the waves fold: the sum of k a over {len(waves)} waves is "
+                f"{self.steepness:.3f} and must stay below 1; scale all amplitudes by less than "
+                f"{1.0 / self.steepness:.3f} or lengthen the waves"
+            )
+        scale = -self.density * self.gravity
+        numbers = (self.level, self.amplitude, self._residual_tolerance(), scale)
+        water = read_only(np.array([numbers], WATER))
+        self._set(components=wave_table(waves, self.gravity), water=water)
+
+    def _set(self, **values: object) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def jonswap(
+        cls,
+        significant_height: float,
+        peak_period: float,
+        gamma: float = 3.3,
+        heading: float = 0.0,
+        spread: float = DEFAULT_SPREAD,
+        waves: int = 40,
+        seed: int = 0,
+        density: float = 1025.0,
+        gravity: float = 9.81,
+        level: float = 0.0,
+    ) -> "Sea":
+        """An irregular sea with the JONSWAP spectrum (see `spectrum`).
+
+        significant_height [m], 4 sqrt(m0); peak_period [s]; gamma: peak enhancement, 1 for a
+        fully developed sea; heading [rad]: the mean one; spread [rad]: standard deviation of the
+        headings, 0 for long crests; waves: how many, all of the same amplitude, each for one of
+        as many bands of equal energy; seed: of their phases and of which wave goes where.
+        Raises ValueError for numbers that cannot be and for waves that fold.
+        """
+        shape = (significant_height, peak_period, gamma, heading, spread, waves, seed)
+        return cls(jonswap(*shape, gravity), density, gravity, level)
+
+    def _residual_tolerance(self) -> float:
+        """Residual [m] that leaves ELEVATION_ERROR once its first-order effect is made up for: a
+        residual r then costs r^2/2 times the curvature."""
+        curvature = self.curvature_bound
+        return float(np.sqrt(2.0 * ELEVATION_ERROR / curvature)) if curvature > 0.0 else np.inf
+
+    @property
+    def significant_height(self) -> float:
+        """4 sqrt(m0) [m] with m0 = sum a^2 / 2, the variance of the elevation to first order."""
+        return float(4.0 * np.sqrt(sum(0.5 * wave.amplitude**2 for wave in self.waves)))
+
+    @property
+    def curvature_bound(self) -> float:
+        """Bound [1/m] on the elevation's second derivatives, everywhere and in any direction.
+
+        In the formula of H (see `jets`) each factor J^-1 is at most 1 / (1 - sum k a) and M, as
+        |G| <= sum k a / (1 - sum k a), at most sum k^2 a / (1 - sum k a).
+        """
+        total = sum(w.wavenumber**2 * w.amplitude for w in self.waves)
+        return float(total / (1.0 - self.steepness) ** 3)
+
+    def elevation(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
+        """Height z of the surface [m] above the points (x, y) at a time.
+
+        Solved to ELEVATION_ERROR at any steepness the sea can have, plus the round-off of the
+        position itself; NaN where an input is not finite.
+        """
+
+        def solve(time: float, x: Array, y: Array) -> Array:
+            heights = np.empty(x.size)
+            solve_heights(x, y, self.components, time, float(self.water["tolerance"][0]), heights)
+            return heights + self.level
+
+        return _per_time(solve, time, x, y)
+
+    def head(self, x: ArrayLike, y: ArrayLike, z: ArrayLike, time: ArrayLike) -> Array:
+        """Pressure of the water over density * gravity [m] at places (x, y, z) at a time: positive
+        below the surface, zero on it, negative above; as right as an elevation."""
+
+        def solve(time: float, x: Array, y: Array, z: Array) -> Array:
+            heads = np.empty(x.size)
+            solve_heads(x, y, z, self.components, self.water, time, heads)
+            return heads
+
+        return _per_time(solve, time, x, y, z)
+
+    def surface(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Surface:
+        """Elevation, gradient, Hessian and the water's velocity, all from one solve."""
+
+        def solve(time: float, x: Array, y: Array) -> Table:
+            jets = np.empty(x.size, JET)
+            tolerance = float(self.water["tolerance"][0])
+            solve_jets(x, y, self.components, time, tolerance, 0, jets)
+            return jets
+
+        jets, waves = _per_time(solve, time, x, y), self.components
+        labels = np.stack([jets["label_x"], jets["label_y"]], axis=-1)
+        theta = self._angles(labels, np.asarray(time, dtype=float))
+        speed = 2.0 * np.pi * waves["frequency"] * waves["amplitude"]
+        across = (speed * np.sin(theta)) @ self._directions
+        up = -np.cos(theta) @ speed
+        hessian = [jets["z_xx"], jets["z_xy"], jets["z_xy"], jets["z_yy"]]
+        return Surface(
+            jets["z"] + self.level,
+            np.stack([jets["z_x"], jets["z_y"]], axis=-1),
+            np.stack(hessian, axis=-1).reshape((*jets.shape, 2, 2)),
+            np.concatenate([across, up[..., None]], axis=-1),
+        )
+
+    def particles(self, labels: ArrayLike, time: float) -> Array:
+        """Positions (..., 3) [m] of the surface particles with labels (..., 2) [m]."""
+        labels = np.asarray(labels, dtype=float)
+        theta = self._angles(labels, np.asarray(time, dtype=float))
+        amplitude = self.components["amplitude"]
+        x = labels + (amplitude * np.cos(theta)) @ self._directions
+        z = self.level + np.sin(theta) @ amplitude
+        return np.concatenate([x, z[..., None]], axis=-1)
+
+    def particle_grid(self, x: ArrayLike, y: ArrayLike, time: float) -> Array:
+        """Positions (I, J, 3) [m] of the particles with labels (x_i, y_j), x: (I,) and y: (J,) [m].
+
+        `particles` on a grid, at the price of its sides: exp(i theta) is a product of one
+        factor for each x and one for each y, and summing over the waves a product of matrices.
+        """
+        waves = self.components
+        turns_x = np.outer(x, waves["turns_x"])
+        turns_y = np.outer(y, waves["turns_y"]) + waves["turns"] - waves["frequency"] * time
+        along_x = np.exp(2j * np.pi * (turns_x - np.round(turns_x)))
+        along_y = waves["amplitude"] * np.exp(2j * np.pi * (turns_y - np.round(turns_y)))
+        positions = np.empty((len(along_x), len(along_y), 3))
+        for axis, direction in enumerate(self._directions.T):
+            positions[..., axis] = ((along_x * direction) @ along_y.T).real
+        positions[..., 0] += np.reshape(x, (-1, 1))
+        positions[..., 1] += y
+        positions[..., 2] = self.level + (along_x @ along_y.T).imag
+        return positions
+
+    @property
+    def _directions(self) -> Array:
+        """Unit vectors (waves, 2) in which the waves travel."""
+        return np.stack([self.components["direction_x"], self.components["direction_y"]], axis=1)
+
+    def _angles(self, labels: Array, time: Array) -> Array:
+        """theta (..., waves) [rad], within half a turn of 0, of all waves at labels (..., 2)."""
+        waves = self.components
+        turns = (
+            labels @ np.stack([waves["turns_x"], waves["turns_y"]])
+            + waves["turns"]
+            - waves["frequency"] * time[..., None]
+        )
+        return 2.0 * np.pi * (turns - np.round(turns))
+
+
+def _per_time(solve: Callable[..., Array | Table], time: ArrayLike, *places: ArrayLike) -> Any:
+    """Broadcast places and time, call solve(t, *places) with flat places once for every distinct
+    time (the kernels keep the time out of their inner loops) and put the result in shape."""
+    time, *places = (np.asarray(v, dtype=float) for v in (time, *places))
+    is_one_time = time.size == 1
+    if not (time.ndim == 0 and all(v.shape == places[0].shape for v in places)):
+        time, *places = np.broadcast_arrays(time, *places)
+    shape = places[0].shape
+    places = [np.ravel(v) for v in places]
+    if is_one_time:  # the usual case: sorting the times would cost more than solving
+        return solve(float(time.flat[0]) if time.size else 0.0, *places).reshape(shape)
+    times, which = np.unique(time, return_inverse=True)
+    which = np.ravel(which)
+    result = np.empty(places[0].size, solve(0.0, *(v[:0] for v in places)).dtype)
+    for i, t in enumerate(times):
+        chosen = which == i
+        result[chosen] = solve(float(t), *(v[chosen] for v in places))
+    return result.reshape(shape)

@@ -1,0 +1,148 @@
+"""What all methods have in common: their names, batches, threads; and one from outside."""
+
+import os
+import threading
+
+import numpy as np
+import pytest
+import trimesh
+from scenes import CUBE, model
+
+from independent import DENSITY, GRAVITY, meshes, random_poses, three_waves
+from sim import Buoyancy, Chord, Hull, Linear, Patches, Reference, Scene, Sea, simulate
+from sim.methods import METHODS, Method, Place, make_method
+from sim.methods.method import Part, Shared
+
+BOX = Hull.from_trimesh(trimesh.creation.box(extents=[1.0, 1.0, 1.0]))
+
+
+class Pressed(Method):
+    """A toy: the hull is a point that the water lifts by its whole volume."""
+
+    def wrench(self, position, rotation, time):
+        lift = DENSITY * GRAVITY * self.hull.volume if position[2] < self.sea.level else 0.0
+        return np.array([0.0, 0.0, lift, 0.0, 0.0, 0.0])
+
+
+def test_a_method_from_outside_is_one_class_and_one_entry(monkeypatch):
+    """Scenes may name it, hulls with it float beside others, and it needs nothing but `wrench`."""
+    monkeypatch.setitem(METHODS, "pressed", Pressed)
+    other = CUBE.replace('"cube"', '"other"').replace("0 0 0", "3 0 -2")
+    custom = '<text name="buoyancy_method_cube" data="pressed"/>'
+    scene = Scene.from_model(model(CUBE + other, ("cube", "other"), custom))
+    assert isinstance(scene.buoyancy.floats[0].method, Pressed)
+    wrenches = scene.buoyancy.wrenches(scene.data)
+    np.testing.assert_allclose(wrenches[:, 2], [0.0, DENSITY * GRAVITY])  # at the level; below it
+    lifts = {float(sample.wrenches[0, 2]) for sample in simulate(scene, 0.5)}
+    assert lifts == {0.0, DENSITY * GRAVITY}
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [("linear", Linear), ("chord:2", Chord), ("patches:0.01", Patches), ("reference", Reference)],
+)
+def test_methods_are_named_by_texts(text, kind):
+    assert type(make_method(text, BOX, Sea())) is kind
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("guess", "'guess' is no method; expected one of: linear, chord, patches, reference"),
+        ("linear:4", "method 'linear:4': found 1 settings, expected at most 0"),
+        ("chord:x", "method 'chord:x'"),
+        ("patches:0", r"method 'patches:0': the tolerance is 0.0"),
+    ],
+)
+def test_texts_that_name_no_method_are_refused(text, message):
+    with pytest.raises(ValueError, match=message):
+        make_method(text, BOX, Sea())
+
+
+@pytest.mark.parametrize("make", [Linear, Chord, Patches, Reference])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_batch_writes_what_each_hull_gets_alone(make, threads):
+    sea = three_waves()
+    ball = Hull.from_trimesh(meshes()["icosphere"])
+    one, other = make(BOX, sea), make(ball, sea)
+    methods, poses = [one, other, one, other, other], random_poses(5, seed=60)
+    if make is Reference:
+        methods, poses = [make(BOX, sea, 1e-3)] * 2, poses[:2]
+    positions = np.array([p for p, _, _ in poses])
+    rotations = np.array([r.ravel() for _, r, _ in poses])
+    places = [Place(i, len(poses) - 1 - i) for i in range(len(poses))]
+    found = np.full((len(poses), 6), np.nan)
+    make.batch(methods, places, threads).write_wrenches(positions, rotations, 0.3, found)
+    for method, place in zip(methods, places, strict=True):
+        alone = method.wrench(positions[place.pose], rotations[place.pose], 0.3)
+        scale = DENSITY * GRAVITY * method.hull.volume
+        np.testing.assert_allclose(found[place.row] / scale, alone / scale, atol=1e-15)
+
+
+def shared(call, parts: int, threads: int) -> None:
+    """Let threads share so many parts of a batch whose kernel is `call`."""
+    batch = Shared(call, [Part(np.empty(0), np.array([i])) for i in range(parts)], threads)
+    batch.write_wrenches(np.empty(0), np.empty(0), 0.0, np.empty(0))
+
+
+def test_helpers_work_at_the_same_time_as_the_caller():
+    """A barrier lets nobody through before three threads stand at it."""
+    barrier, workers = threading.Barrier(3, timeout=30.0), set()
+
+    def meet(*arguments) -> None:
+        workers.add(threading.get_ident())
+        barrier.wait()
+
+    shared(meet, parts=3, threads=3)
+    assert len(workers) == 3
+    assert threading.get_ident() in workers
+
+
+def test_every_part_is_done_once():
+    done: list[int] = []
+    batch = Shared(lambda block, places, *_: done.append(int(places[0])),
+                   [Part(np.empty(0), np.array([i])) for i in range(7)], threads=4)  # fmt: skip
+    for _ in range(200):
+        batch.write_wrenches(np.empty(0), np.empty(0), 0.0, np.empty(0))
+    assert sorted(done) == sorted(list(range(7)) * 200)
+
+
+@pytest.mark.parametrize("wrong_is_the_caller", [True, False])
+def test_what_a_part_raises_is_raised_to_the_caller(wrong_is_the_caller):
+    """Each of the two threads has one part; either may be the one that goes wrong."""
+    barrier, caller = threading.Barrier(2, timeout=30.0), threading.get_ident()
+
+    def call(*arguments) -> None:
+        barrier.wait()
+        if (threading.get_ident() == caller) == wrong_is_the_caller:
+            raise ArithmeticError("no such wrench")
+
+    with pytest.raises(ArithmeticError, match="no such wrench"):
+        shared(call, parts=2, threads=2)
+
+
+def raft() -> "tuple[Buoyancy, object]":
+    from scenes import WAVES
+
+    ball = '<body pos="{0} 2 0"><freejoint/><geom name="ball{0}" size="0.4" density="400"/></body>'
+    names = tuple(f"ball{x}" for x in range(2, 8))
+    compiled = model("".join(ball.format(x) for x in range(2, 8)), names, WAVES)
+    scene = Scene.from_model(compiled, threads=2)
+    return scene.buoyancy, scene.data
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
+def test_a_forked_process_has_helpers_of_its_own():
+    """Those of its parent are not alive there; it must not wait for them for ever."""
+    buoyancy, data = raft()
+    expected = buoyancy.wrenches(data)
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            status = 0 if np.array_equal(buoyancy.wrenches(data), expected) else 2
+        finally:
+            os._exit(status)
+    assert os.waitpid(child, 0)[1] == 0
+    np.testing.assert_array_equal(buoyancy.wrenches(data), expected)
