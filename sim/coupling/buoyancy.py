@@ -13,7 +13,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coupling.mjcf import FloatingGeom, is_free, read_model, read_threads
+from sim.coupling.mjcf import FloatingGeom, is_free, read_model
+from sim.coupling.primitives import frame_rotation
 from sim.methods import Batch, Place
 from sim.resistance.implicit import Resistance, ResistedBody
 from sim.water.sea import Sea
@@ -88,8 +89,8 @@ class Buoyancy:
         """Read the model's custom fields (see `mjcf`); `method` overrules them for all geoms,
         `tolerance` [m of water height] for the methods that take one, and `threads`. Raises
         ValueError that names the element at fault."""
-        sea, floats = read_model(model, method, tolerance)
-        return cls(model, sea, floats, read_threads(model) if threads is None else threads)
+        sea, floats, asked = read_model(model, method, tolerance)
+        return cls(model, sea, floats, asked if threads is None else threads)
 
     @property
     def body_names(self) -> tuple[str, ...]:
@@ -234,9 +235,7 @@ def _resisted_body(
     model: mujoco.MjModel, body: int, floats: Sequence[FloatingGeom]
 ) -> ResistedBody:
     """A body with drag, as the model describes it."""
-    axes = np.empty(9)
-    mujoco.mju_quat2Mat(axes, model.body_iquat[body])
-    axes = axes.reshape(3, 3).T
+    axes = frame_rotation(model.body_iquat[body]).T
     return ResistedBody(
         body=body,
         root=int(model.body_rootid[body]),

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sim.coupling.mjcf import FloatingGeom
 from sim.coupling.scene import Scene
+from sim.geometry import areas, cone_centroid, cone_moments, cone_volumes, inertia_of
 from sim.hull import Hull
 
 Array = NDArray[np.float64]
@@ -224,8 +225,8 @@ def _legacy_inertia(scene: Scene, body: int) -> str:
         return ""
     hull = floats[0].method.hull
     ratio = np.sort(model.body_inertia[body]) / model.body_mass[body]
-    true_volume, true = _uniform_inertia(hull.vertices, hull.faces, signed=True)
-    volume, legacy = _uniform_inertia(hull.vertices, hull.faces, signed=False)
+    true_volume, true = _uniform_inertia(hull.vertices[hull.faces], signed=True)
+    volume, legacy = _uniform_inertia(hull.vertices[hull.faces], signed=False)
     if np.allclose(ratio, true, rtol=SAME) or not np.allclose(ratio, legacy, rtol=SAME):
         return ""
     excess = 100.0 * (volume / true_volume - 1.0)
@@ -235,22 +236,15 @@ def _legacy_inertia(scene: Scene, body: int) -> str:
     )
 
 
-def _uniform_inertia(
-    vertices: Array, faces: NDArray[np.int64], signed: bool
-) -> tuple[float, Array]:
+def _uniform_inertia(corners: Array, signed: bool) -> tuple[float, Array]:
     """Volume and principal inertias (3,) over the mass, ascending, of the cones from a point to the
-    faces: first the middle of the surface, then the cones' own centre of mass. MuJoCo's legacy
+    triangles: first the middle of the surface, then the cones' own centre of mass. MuJoCo's legacy
     inertia is that with all cones counted as positive."""
-    corners = vertices[faces]
-    edges = corners[:, 1:] - corners[:, :1]
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    middle = area @ corners.mean(axis=1) / area.sum()
+    sizes = areas(corners)
+    middle = sizes @ corners.mean(axis=1) / sizes.sum()
     for _ in range(2):
-        a, b, c = np.moveaxis(corners - middle, 1, 0)
-        volumes = np.einsum("fi,fi->f", a, np.cross(b, c)) / 6.0
-        volumes = volumes if signed else np.abs(volumes)
-        middle = middle + volumes @ (a + b + c) / (4.0 * volumes.sum())
-    points = (a + b + c, a, b, c)
-    moments = sum(np.einsum("f,fi,fj->ij", volumes, p, p) for p in points) / 20.0
-    moments /= volumes.sum()
-    return float(volumes.sum()), np.linalg.eigvalsh(np.trace(moments) * np.eye(3) - moments)
+        about = corners - middle
+        volumes = cone_volumes(about) if signed else np.abs(cone_volumes(about))
+        middle = middle + cone_centroid(about, volumes)
+    moments = cone_moments(about, volumes) / volumes.sum()
+    return float(volumes.sum()), np.linalg.eigvalsh(inertia_of(moments))
