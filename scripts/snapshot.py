@@ -28,8 +28,9 @@ from typing import IO, NoReturn
 from command_line import INTERRUPTED, Parser, interruptible, run_script
 
 from PIL import Image
-from read_recording import reader, whole
 from rerun.experimental import ViewerClient
+
+from sim.drawing.reader import reader, whole
 
 NO_PICTURE = 2
 

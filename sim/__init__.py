@@ -29,11 +29,14 @@ from sim.water.sea import Sea
 from sim.water.wave import Wave
 
 if TYPE_CHECKING:
-    from sim.drawing.recorder import Recorder, SideBySideRecorder
+    from sim.drawing.reader import read_series
+    from sim.drawing.recorder import Recorder
+    from sim.drawing.twins import SideBySideRecorder
 
 _LATER = {
     "Recorder": "sim.drawing.recorder",
-    "SideBySideRecorder": "sim.drawing.recorder",
+    "SideBySideRecorder": "sim.drawing.twins",
+    "read_series": "sim.drawing.reader",
 }
 """Public names whose modules are loaded when they are first asked for."""
 
@@ -54,6 +57,7 @@ __all__ = [
     "SideBySideRecorder",
     "Tally",
     "Wave",
+    "read_series",
     "simulate",
     "wet_triangles_wrench",
 ]

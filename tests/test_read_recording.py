@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import read_recording
 from rerun.chunk import RrdReader
+from scenes import CUBE, WAVES, model
 
 from independent import MODELS
-from sim import Recorder, Scene, simulate
+from sim import Recorder, Scene, read_series, simulate
 
 
 def test_series_are_the_samples_and_go_into_arrays(tmp_path, capsys):
@@ -16,7 +17,7 @@ def test_series_are_the_samples_and_go_into_arrays(tmp_path, capsys):
         for sample in simulate(scene, 2.5):
             recorder.log(sample)
             samples.append(sample)
-    series = read_recording.read_series(path)
+    series = read_series(path)
     names = {"height/cube", "height/cube/water", "tilt/cube", "submerged/cube", "force/cube"}
     assert set(series) == names
     expected = {
@@ -34,16 +35,20 @@ def test_series_are_the_samples_and_go_into_arrays(tmp_path, capsys):
     np.testing.assert_array_equal(arrays["tilt/cube"], np.stack(series["tilt/cube"]))
 
 
-def test_series_of_bodies_beyond_the_plots_are_read_too(tmp_path, monkeypatch):
-    monkeypatch.setattr("sim.drawing.recorder.MOST_PLOTTED", 1)
-    scene, samples = Scene.load(MODELS / "trio.xml"), []
-    with Recorder(tmp_path / "trio.rrd", scene) as recorder:
+def test_series_of_bodies_beyond_the_plots_are_read_too(tmp_path):
+    names = tuple(f"cube{i}" for i in range(8))
+    bodies = "".join(
+        CUBE.replace('"cube"', f'"{name}"').replace("0 0 0", f"{2 * i} 0 {0.1 * i}")
+        for i, name in enumerate(names)
+    )
+    scene, samples = Scene.from_model(model(bodies, names, WAVES)), []
+    with Recorder(tmp_path / "cubes.rrd", scene, water_resolution=2) as recorder:
         for sample in simulate(scene, 0.3):
             recorder.log(sample)
             samples.append(sample)
-    series = read_recording.read_series(tmp_path / "trio.rrd")
-    assert len(series) == 3 * 5
-    for i, body in enumerate(scene.buoyancy.body_names):
+    series = read_series(tmp_path / "cubes.rrd")
+    assert len(series) == 8 * 5
+    for i, body in enumerate(names):
         elevations = [s.elevations[i] for s in samples]
         np.testing.assert_array_equal(series[f"height/{body}/water"][1], elevations)
         fractions = [s.submerged_fractions[i] for s in samples]
@@ -57,11 +62,11 @@ def test_a_recording_that_was_cut_off_anywhere_is_read_up_to_there(tmp_path):
     with Recorder(path, scene) as recorder:
         for sample in simulate(scene, 2.5):
             recorder.log(sample)
-    times, heights = read_recording.read_series(path)["height/cube"]
+    times, heights = read_series(path)["height/cube"]
     content, found = path.read_bytes(), []
     for share in np.linspace(0.6, 1.0, 10):
         path.write_bytes(content[: round(share * len(content))])
-        read_times, read_heights = read_recording.read_series(path)["height/cube"]
+        read_times, read_heights = read_series(path)["height/cube"]
         np.testing.assert_array_equal(read_times, times[: len(read_times)])
         np.testing.assert_array_equal(read_heights, heights[: len(read_times)])
         found.append(len(read_times))

@@ -1,5 +1,6 @@
 """Recordings, read back and held against the samples."""
 
+import gc
 import socket
 import subprocess
 import sys
@@ -8,13 +9,19 @@ from time import monotonic, sleep
 
 import numpy as np
 import pytest
+import rerun as rr
 import trimesh
 from rerun.chunk import RrdReader
+from scenes import CUBE, model
 
 from independent import MODELS, ROUND_OFF
 from sim import Recorder, Scene, Sea, Tally, Wave, simulate
-from sim.drawing.display_mesh import shaded_corners, with_hue_turned
-from sim.drawing.recorder import GOLDEN_TURN, sea_in_words, thinned
+from sim.drawing.display_mesh import DisplayMeshes, shaded_corners, with_hue_turned
+from sim.drawing.frame import Artist, thinned
+from sim.drawing.look import sea_in_words, side_by_side_blueprint
+from sim.drawing.output import Output
+from sim.drawing.recorder import SceneWriter
+from sim.drawing.twins import GOLDEN_TURN
 from sim.drawing.waterline_curves import WATERLINE_ERROR
 from sim.geometry import rotation_matrix
 
@@ -233,45 +240,50 @@ def test_numbers_that_cannot_be_are_refused(numbers, message, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_many_bodies_cost_no_shading_and_only_the_first_are_plotted(tmp_path, monkeypatch):
-    from scenes import CUBE, model
-
-    monkeypatch.setattr("sim.drawing.recorder.MOST_SHADED_VERTICES", 100)
-    names = tuple(f"cube{i}" for i in range(8))
+def balls(count: int) -> Scene:
+    """So many balls of 642 vertices, half under water and out of one another's reach."""
+    names = tuple(f"ball{i}" for i in range(count))
     bodies = "".join(
-        CUBE.replace('"cube"', f'"{name}"').replace("0 0 0", f"{2 * i} 0 0")
+        f'<body name="{name}" pos="{2 * i} 0 0"><freejoint/>'
+        f'<geom name="{name}" size="0.5" density="512.5"/></body>'
         for i, name in enumerate(names)
     )
-    scene, path = Scene.from_model(model(bodies, names)), tmp_path / "many.rrd"
+    return Scene.from_model(model(bodies, names, option='<option solver="CG"/>'))
+
+
+@pytest.mark.parametrize(("count", "is_shaded"), [(8, True), (32, False)])
+def test_of_many_bodies_only_the_first_are_plotted_and_very_many_are_not_shaded(
+    count, is_shaded, tmp_path
+):
+    scene, path = balls(count), tmp_path / "many.rrd"
     with Recorder(path, scene) as recorder:
         for sample in simulate(scene, 0.1):
             recorder.log(sample)
-    _, colours = read(path, "world/bodies/cube0/cube0", "Mesh3D:vertex_colors")
-    assert colours == []
-    _, (albedo,) = read(path, "world/bodies/cube0/cube0", "Mesh3D:albedo_factor")
-    assert albedo.item() == 0x808080FF  # MuJoCo's own grey
+    _, colours = read(path, "world/bodies/ball0/ball0", "Mesh3D:vertex_colors")
+    assert len(colours) == (4 if is_shaded else 0)
+    _, (albedo,) = read(path, "world/bodies/ball0/ball0", "Mesh3D:albedo_factor")
+    assert albedo.item() == (0xFFFFFFFF if is_shaded else 0x808080FF)  # MuJoCo's own grey
     _, waterline = read(path, "world/waterline", "LineStrips3D:strips", arrays)
-    assert len(waterline[0]) == 8
+    assert len(waterline[0]) == count
     _, trails = read(path, "world/trail", "LineStrips3D:strips", arrays)
     assert trails == []
     _, (text, _) = read(path, "overview", "TextDocument:text")
-    assert "and 2 more" in str(text)
+    assert f"and {count - 6} more" in str(text)
     (_, names), (_, rows) = (
         read(path, "others/height/water", component)
         for component in ("SeriesLines:names", "Scalars:scalars")
     )
-    assert names[0].tolist() == ["cube6", "cube7"]
-    assert np.shape(rows) == (4, 2)
+    assert names[0].tolist() == [f"ball{i}" for i in range(6, count)]
+    assert np.shape(rows) == (4, count - 6)
 
 
-def test_many_waterlines_are_thinned_and_stay_closed(monkeypatch):
-    monkeypatch.setattr("sim.drawing.recorder.MOST_WATERLINE_POINTS", 40)
+def test_many_waterlines_are_thinned_and_stay_closed():
     turn = np.linspace(0.0, 1.0, 101)
     long = np.column_stack([turn, turn * (1.0 - turn), 0.0 * turn])
     long[-1] = long[0]
     short = np.concatenate([long[:14], long[:1]])
-    assert thinned([short])[0] is short
-    first, second = thinned([long, short])
+    assert thinned([short], 40)[0] is short
+    first, second = thinned([long, short], 40)
     np.testing.assert_array_equal(first, np.concatenate([long[:100:3], long[:1]]))
     np.testing.assert_array_equal(second, short)
 
@@ -279,17 +291,17 @@ def test_many_waterlines_are_thinned_and_stay_closed(monkeypatch):
 def test_viewing_without_a_screen_says_so_and_leaves_nothing(tmp_path, monkeypatch):
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        monkeypatch.setattr("sim.drawing.recorder.VIEWER_PORT", probe.getsockname()[1])
+        port = probe.getsockname()[1]
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(OSError, match="there is no screen for the viewer"):
-        Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"), view=True)
+        Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"), view=True, port=port)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_viewer_that_is_open_is_sent_the_run(tmp_path, monkeypatch):
+def test_a_viewer_that_is_open_is_sent_the_run(tmp_path):
     """Rerun itself listens as a viewer does, and writes what it gets to a file instead."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -302,9 +314,8 @@ def test_a_viewer_that_is_open_is_sent_the_run(tmp_path, monkeypatch):
     )  # fmt: skip
     try:
         wait_until(lambda: listens(port))
-        monkeypatch.setattr("sim.drawing.recorder.VIEWER_PORT", port)
         scene, samples = Scene.load(MODELS / "cube.xml"), []
-        with Recorder(None, scene, view=True, water_resolution=9) as recorder:
+        with Recorder(None, scene, view=True, port=port, water_resolution=9) as recorder:
             for sample in simulate(scene, 0.5):
                 recorder.log(sample)
                 samples.append(sample)
@@ -389,18 +400,53 @@ def test_recording_is_readable_when_the_run_fails_half_way(tmp_path):
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # nor does a killed run's
 @pytest.mark.parametrize(("frame_seconds", "most_lost"), [(0.001, 30), (0.1, 7), (5.0, 0)])
-def test_a_killed_run_loses_less_than_a_second(tmp_path, monkeypatch, frame_seconds, most_lost):
+def test_a_killed_run_loses_less_than_a_second(tmp_path, frame_seconds, most_lost):
     """What is on the disk after every frame is what SIGKILL would leave there. No more is missing
     than is younger than a second, simulated and by a clock that we turn by hand."""
-    clock = [100.0]
-    monkeypatch.setattr("sim.drawing.recorder.monotonic", lambda: clock[0])
+    time = [100.0]
     scene, path, lost = Scene.load(MODELS / "cube.xml"), tmp_path / "cut.rrd", []
-    with Recorder(path, scene, water_resolution=2) as recorder:
-        for frame, sample in enumerate(simulate(scene, 1.4), start=1):
-            clock[0] += frame_seconds
-            recorder.log(sample)
-            lost.append(frame - len(read(path, "world/water", "Mesh3D:vertex_positions")[0]))
+    output = Output(path, "cut", side_by_side_blueprint({"cut": scene}))
+    artist = Artist(scene, DisplayMeshes(scene.buoyancy), None, water_resolution=2)
+    writer = SceneWriter(scene, output, artist, clock=lambda: time[0])
+    for frame, sample in enumerate(simulate(scene, 1.4), start=1):
+        time[0] += frame_seconds
+        writer.log(sample)
+        lost.append(frame - len(read(path, "world/water", "Mesh3D:vertex_positions")[0]))
+    output.close()
     assert max(lost) == most_lost
+
+
+class DeadStream:
+    """A recording stream whose writer has died: whoever lets go of it waits for ever."""
+
+    def __init__(self, name: str) -> None:
+        self.log = self.send_columns = self.set_sinks = lambda *what, **options: None
+        self.set_log_time_enabled = self.set_log_tick_enabled = self.send_recording_name = self.log
+
+    def flush(self, timeout_sec: float) -> None:
+        raise RuntimeError("Flush timed out")
+
+    def disconnect(self) -> None:
+        pytest.fail("this waits for the dead writer")
+
+    def __del__(self) -> None:
+        LET_GO.append(self)
+
+
+LET_GO: list[DeadStream] = []
+
+
+def test_nothing_waits_for_a_writer_that_has_died(tmp_path, monkeypatch):
+    """Neither the end of the recorder nor the garbage collector nor Rerun at the exit."""
+    unregistered = []
+    monkeypatch.setattr("rerun.RecordingStream", DeadStream)
+    monkeypatch.setattr("atexit.unregister", unregistered.append)
+    with pytest.raises(OSError, match=r"a\.rrd: the recording cannot be written \(Flush timed out"):
+        Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"))
+    gc.collect()
+    assert LET_GO == []
+    assert unregistered == [rr.rerun_shutdown]
+    assert not (tmp_path / "a.rrd").exists()  # nothing had been written
 
 
 def _record_and_fail(path, scene) -> None:
@@ -421,8 +467,6 @@ def test_a_path_that_cannot_be_written_is_refused_at_once(tmp_path):
 
 
 def test_names_with_blanks_and_slashes_stay_one_body(tmp_path):
-    from scenes import CUBE, model
-
     scene = Scene.from_model(model(CUBE.replace('body name="cube"', 'body name="my cube/1"')))
     path = tmp_path / "names.rrd"
     with Recorder(path, scene) as recorder:

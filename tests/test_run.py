@@ -9,11 +9,11 @@ import time
 
 import numpy as np
 import pytest
-from read_recording import reader
 from rerun.chunk import RrdReader
 
 from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
 from sim import Scene, Tally, simulate
+from sim.drawing.reader import reader
 
 RUN = [sys.executable, str(REPOSITORY / "scripts" / "run.py")]
 

@@ -1,4 +1,4 @@
-"""Skin: the surfaces of a scene's hulls as they are drawn.
+"""Display mesh: the surfaces of a scene's hulls as they are drawn.
 
 Long edges are halved so that a waterline can bend between them, sharp edges get normals of
 their own, and all hulls lie in one set of arrays, so that a hundred of them cost few calls.
@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling.buoyancy import Buoyancy
+from sim.coupling.mjcf import FloatingGeom
 from sim.coupling.simulation import Sample
-from sim.drawing.waterline_curves import faces_across, refined
+from sim.drawing.waterline_curves import faces_across
 from sim.geometry import rotation_matrix
-from sim.hull import Hull
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -33,12 +33,12 @@ VIVID = 0.55, 0.75
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class DisplayMesh:
     """A hull's drawn surface.
 
     name, body: of its geom, the id of its body; rgba: (4,) in 0 ... 255; size [m]: diagonal of
     the hull's box; edge [m]: no drawn edge is longer; vertices: where its own are among
-    those of all skins.
+    those of all of them.
 
     What is drawn: corners (N, 3) [m] in the body's inertial frame, corner_normals (N, 3),
     corner_faces (F, 3), and corner_vertices (N,), the vertex at each corner, counted from 0 in
@@ -57,8 +57,8 @@ class Skin:
     corner_vertices: Indices
 
 
-class Skins:
-    """The skins of all hulls of a scene, in the order of `buoyancy.floats`.
+class DisplayMeshes:
+    """The drawn surfaces of all hulls of a scene, in the order of `buoyancy.floats`.
 
     faces: (F, 3) of all of them, indices into the (V, 3) vertices that `placed` gives; across:
     (F, 3), the neighbours across their edges; hue: by which their colours are off, in turns.
@@ -66,51 +66,52 @@ class Skins:
 
     def __init__(self, buoyancy: Buoyancy, hue: float = 0.0) -> None:
         self._bodies = buoyancy.float_bodies
-        self._skins: list[Skin] = []
+        self._meshes: list[DisplayMesh] = []
         self._in_body: list[Array] = []
         faces, count = [], 0
         for f in buoyancy.floats:
-            skin, vertices, own_faces = _skin(buoyancy, f.name, f.body, f.method.hull, count, hue)
+            mesh, vertices, own_faces = _display_mesh(buoyancy, f, count, hue)
             body = buoyancy.model.body(f.body)
-            self._skins.append(skin)
+            self._meshes.append(mesh)
             self._in_body.append(vertices @ rotation_matrix(body.iquat).T + body.ipos)
             faces.append(own_faces + count)
-            count = skin.vertices.stop
+            count = mesh.vertices.stop
         self.faces = np.concatenate(faces)
         self.across = faces_across(self.faces)
         self.vertex_count = count
 
-    def __iter__(self) -> Iterator[Skin]:
-        return iter(self._skins)
+    def __iter__(self) -> Iterator[DisplayMesh]:
+        return iter(self._meshes)
 
-    def of_bodies(self) -> list[Skin]:
-        """The largest skin of each body, in the order of `buoyancy.bodies`."""
-        largest: dict[int, Skin] = {}
-        for skin in sorted(self._skins, key=lambda s: s.size):
-            largest[skin.body] = skin
+    def of_bodies(self) -> list[DisplayMesh]:
+        """The largest surface of each body, in the order of `buoyancy.bodies`."""
+        largest: dict[int, DisplayMesh] = {}
+        for mesh in sorted(self._meshes, key=lambda s: s.size):
+            largest[mesh.body] = mesh
         return [largest[body] for body in sorted(largest)]
 
     def placed(self, sample: Sample) -> Array:
-        """Vertices (V, 3) [m] of all skins in world axes."""
+        """Vertices (V, 3) [m] of all of them in world axes."""
         rotations = [rotation_matrix(q) for q in sample.quaternions]
         points = np.empty((self.vertex_count, 3))
-        for skin, vertices, b in zip(self._skins, self._in_body, self._bodies, strict=True):
-            points[skin.vertices] = vertices @ rotations[b].T + sample.positions[b]
+        for mesh, vertices, b in zip(self._meshes, self._in_body, self._bodies, strict=True):
+            points[mesh.vertices] = vertices @ rotations[b].T + sample.positions[b]
         return points
 
 
-def _skin(
-    buoyancy: Buoyancy, name: str, body: int, hull: Hull, first: int, hue: float
-) -> tuple[Skin, Array, Indices]:
-    """The skin of a hull whose vertices begin at `first`, and its refined surface."""
+def _display_mesh(
+    buoyancy: Buoyancy, geom: FloatingGeom, first: int, hue: float
+) -> tuple[DisplayMesh, Array, Indices]:
+    """The drawn surface of a hull whose vertices begin at `first`, and its refined surface."""
+    hull = geom.method.hull
     sides = np.ptp(hull.bounds, axis=0)
     edge = float(sides.max()) / EDGES_IN_A_HULL
     vertices, faces = refined(hull.vertices, hull.faces, edge)
     corner_vertices, corner_faces, normals = shaded_corners(vertices, faces)
-    skin = Skin(
-        name=name,
-        body=body,
-        rgba=255.0 * with_hue_turned(buoyancy.model.geom(name).rgba, hue),
+    mesh = DisplayMesh(
+        name=geom.name,
+        body=geom.body,
+        rgba=255.0 * with_hue_turned(buoyancy.model.geom(geom.name).rgba, hue),
         size=float(np.linalg.norm(sides)),
         edge=edge,
         vertices=slice(first, first + len(vertices)),
@@ -119,7 +120,7 @@ def _skin(
         corner_faces=corner_faces,
         corner_vertices=corner_vertices,
     )
-    return skin, vertices, faces
+    return mesh, vertices, faces
 
 
 def with_hue_turned(rgba: Array, turns: float) -> Array:
@@ -157,3 +158,32 @@ def _unit(vectors: Array) -> Array:
     """Vectors (N, 3) at length 1; those without a length stay as they are."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return vectors / np.where(lengths > 0.0, lengths, 1.0)
+
+
+def refined(vertices: Array, faces: Indices, longest: float) -> tuple[Array, Indices]:
+    """The same closed surface with no edge longer than `longest` [m]: vertices (V, 3), faces
+    (F, 3). What needs no refining stays as it is.
+
+    Halves edges that are the longest of both their triangles, as often as needed, so that the
+    surface stays closed and no triangle gets thinner than it must (Rivara 1984).
+    """
+    while True:
+        ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1), axis=-1)
+        edges, of_face = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
+        of_face = of_face.reshape(-1, 3)
+        lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
+        # Ranks instead of lengths: of two edges that are equally long one must come first.
+        rank = np.argsort(np.argsort(lengths, kind="stable"), kind="stable")
+        longest_of_face = np.argmax(rank[of_face], axis=1)
+        chosen = of_face[np.arange(len(faces)), longest_of_face]
+        is_split = (np.bincount(chosen, minlength=len(edges)) == 2) & (lengths > longest)
+        if not is_split.any():
+            return vertices, faces
+        middle = len(vertices) + np.cumsum(is_split) - 1
+        vertices = np.vstack([vertices, vertices[edges[is_split]].mean(axis=1)])
+        halved = is_split[chosen]
+        turn = (longest_of_face[halved, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(faces[halved], turn, axis=1).T
+        m = middle[chosen[halved]]
+        halves = [np.column_stack([a, m, c]), np.column_stack([m, b, c])]
+        faces = np.concatenate([faces[~halved], *halves])

@@ -3,7 +3,7 @@
 Heads at the vertices tell wet from dry. Every edge with one end in each holds a point of the
 curve, found on the true surface, waves and all; from triangle to triangle these points follow
 one another until the curve closes, because the hull does. Between its points the curve is
-drawn straight, so a hull of large triangles is `refined` first.
+drawn straight, so a hull of large triangles is `display_mesh.refined` first.
 """
 
 import numpy as np
@@ -31,8 +31,7 @@ def heads(sea: Sea, points: Array, time: float) -> Array:
     """
     depths = sea.level - points[:, 2]
     near = np.flatnonzero(np.abs(depths) <= sea.amplitude)
-    x, y, z = points[near].T
-    depths[near] = sea.elevation(x, y, time) - z
+    depths[near] = sea.head(*points[near].T, time)
     return depths
 
 
@@ -107,7 +106,7 @@ def _crossings(
     for _ in range(BRACKET_STEPS):
         fraction = (low * above - high * below) / (above - below)
         points = dry + fraction[:, None] * (wet - dry)
-        depths = sea.elevation(points[:, 0], points[:, 1], time) - points[:, 2]
+        depths = sea.head(*points.T, time)
         if (np.abs(depths) < WATERLINE_ERROR).all():
             break
         now = np.where(depths > 0.0, 1.0, -1.0)
@@ -116,32 +115,3 @@ def _crossings(
         low, high = np.where(now < 0.0, fraction, low), np.where(now > 0.0, fraction, high)
         side = now
     return points
-
-
-def refined(vertices: Array, faces: Indices, longest: float) -> tuple[Array, Indices]:
-    """The same closed surface with no edge longer than `longest` [m]: vertices (V, 3), faces
-    (F, 3). What needs no refining stays as it is.
-
-    Halves edges that are the longest of both their triangles, as often as needed, so that the
-    surface stays closed and no triangle gets thinner than it must (Rivara 1984).
-    """
-    while True:
-        ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1), axis=-1)
-        edges, of_face = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
-        of_face = of_face.reshape(-1, 3)
-        lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
-        # Ranks instead of lengths: of two edges that are equally long one must come first.
-        rank = np.argsort(np.argsort(lengths, kind="stable"), kind="stable")
-        longest_of_face = np.argmax(rank[of_face], axis=1)
-        chosen = of_face[np.arange(len(faces)), longest_of_face]
-        is_split = (np.bincount(chosen, minlength=len(edges)) == 2) & (lengths > longest)
-        if not is_split.any():
-            return vertices, faces
-        middle = len(vertices) + np.cumsum(is_split) - 1
-        vertices = np.vstack([vertices, vertices[edges[is_split]].mean(axis=1)])
-        halved = is_split[chosen]
-        turn = (longest_of_face[halved, None] + np.arange(3)) % 3
-        a, b, c = np.take_along_axis(faces[halved], turn, axis=1).T
-        m = middle[chosen[halved]]
-        halves = [np.column_stack([a, m, c]), np.column_stack([m, b, c])]
-        faces = np.concatenate([faces[~halved], *halves])
