@@ -6,21 +6,25 @@ order or to keep says for how long: with `stop_signals`, or with `interruptible`
 """
 
 import argparse
+import json
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from time import monotonic
-from types import FrameType
-from typing import NoReturn
+from types import FrameType, MappingProxyType
+from typing import Any, NoReturn
 
 UNUSABLE_INPUT, DIVERGED, UNWRITABLE, INTERRUPTED, BROKEN_PIPE = 2, 3, 4, 130, 141
 
 SAME_SIGNAL = 0.5
 """Seconds within which a second signal belongs to the first: `timeout` sends each one twice."""
+
+NO_WIDTHS: Mapping[str, int] = MappingProxyType({})
 
 COMPILING_NOTICE_AFTER = 3.0
 """Seconds after which loading a scene can only mean that kernels are being compiled."""
@@ -70,17 +74,60 @@ def compiling_notice(quiet: bool) -> Iterator[None]:
         timer.cancel()
 
 
-def show_progress(done: float, total: float, unit: str = "s") -> None:
-    """Draw a bar on the terminal's current line."""
-    width = 40
-    filled = min(width, round(width * done / total))
-    bar = "#" * filled + "." * (width - filled)
-    print(f"\r[{bar}] {done:.4g} of {total:g} {unit}", end="", file=sys.stderr, flush=True)
+def progress(total: float, unit: str, quiet: bool = False) -> Any:
+    """A bar on the terminal, and nothing where nobody looks on; `.update(amount)` moves it."""
+    from tqdm import tqdm
+
+    shape = "{percentage:3.0f} %|{bar}| {n:.4g} of {total:g} {unit}, {remaining} left"
+    return tqdm(
+        total=total, unit=unit, bar_format=shape, leave=False, dynamic_ncols=True,
+        disable=quiet or not sys.stderr.isatty(),
+    )  # fmt: skip
 
 
-def clear_progress() -> None:
-    """Take the bar off the terminal."""
-    print("\r\033[K", end="", file=sys.stderr, flush=True)
+def print_table(
+    titles: Sequence[str], rows: Iterable[Sequence[str]], widths: Mapping[str, int] = NO_WIDTHS
+) -> None:
+    """Print rows as they come below their titles: the first column to the left, the others to the
+    right, each as wide as its title, as its cells where all rows are there, or as `widths` says."""
+    known = rows if isinstance(rows, Sequence) else ()
+    columns = list(zip(titles, *known, strict=True))
+    wide = [max(widths.get(column[0], 0), *map(len, column)) for column in columns]
+    for cells in chain([titles], rows):
+        first, *others = zip(cells, wide, strict=True)
+        line = [f"{first[0]:<{first[1]}}", *(f"{cell:>{width}}" for cell, width in others)]
+        print("  ".join(line).rstrip(), flush=True)
+
+
+def write_json(path: Path | None, report: Any) -> None:
+    """Write a report to the file that was asked for, if one was."""
+    if path is not None:
+        path.write_text(json.dumps(report, indent=2) + "\n")
+
+
+def check_json(path: Path | None) -> None:
+    """Find out before the work whether its report can be written. Raises OSError."""
+    if path is not None:
+        path.open("a").close()
+
+
+def run_to_the_end(work: Callable[[], None], received: list[int]) -> int:
+    """Do a simulation's work, say what stopped it in one line, and return the exit status. Work
+    that a signal received stops raises KeyboardInterrupt."""
+    from sim import DivergenceError
+
+    try:
+        work()
+    except DivergenceError as error:
+        status, trouble = DIVERGED, str(error)
+    except OSError as error:
+        status, trouble = UNWRITABLE, str(error)
+    except KeyboardInterrupt:
+        status, trouble = stopped_by(received[0])
+    else:
+        return 0
+    print(f"{Path(sys.argv[0]).name}: {trouble}", file=sys.stderr)
+    return status
 
 
 def run_script(main: Callable[[], int]) -> NoReturn:
@@ -104,16 +151,17 @@ def run_script(main: Callable[[], int]) -> NoReturn:
 
 
 @contextmanager
-def stop_signals() -> Iterator[list[int]]:
+def stop_signals(same: float = SAME_SIGNAL) -> Iterator[list[int]]:
     """Note SIGINT and SIGTERM in a list instead of being interrupted anywhere, so that a run stops
-    between two samples with nothing half done. Whoever insists ends the process at once."""
+    between two samples with nothing half done. Whoever insists, by a signal that comes more than
+    `same` seconds after the first, ends the process at once."""
     received: list[int] = []
     at: list[float] = []
 
     def note(number: int, frame: FrameType | None) -> None:
         received.append(number)
         at.append(monotonic())
-        if at[-1] - at[0] > SAME_SIGNAL:
+        if at[-1] - at[0] > same:
             _end_at_once(number, frame)
 
     heard = [s for s in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(s) != signal.SIG_IGN]

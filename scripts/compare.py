@@ -12,7 +12,6 @@ full, 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on di
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack, nullcontext
@@ -22,24 +21,24 @@ from time import perf_counter
 from typing import Any
 
 from command_line import (
-    DIVERGED,
     UNUSABLE_INPUT,
-    UNWRITABLE,
     Parser,
     at_least,
-    clear_progress,
+    check_json,
     compiling_notice,
     positive,
+    print_table,
+    progress,
     run_script,
-    show_progress,
+    run_to_the_end,
     stop_signals,
-    stopped_by,
+    write_json,
 )
 
 import numpy as np
 
-from sim import DivergenceError, Sample, Scene, SideBySideRecorder, simulate
-from sim.measure.accuracy import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
+from sim import Sample, Scene, SideBySideRecorder, simulate
+from sim.measure.statistics import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
 
 QUANTITIES = {"height_m": 1e3, "tilt_deg": 1.0}
 """What is averaged, and what turns its differences into the mm and degrees that are printed."""
@@ -150,56 +149,29 @@ def run(
     recorder: SideBySideRecorder | None,
     history: History,
     received: list[int],
-) -> int:
-    """Simulate all twins in lockstep, start after start, until a signal is received; return the
-    exit status. The recorder gets the first run."""
-    status, trouble = 0, ""
-    try:
+) -> None:
+    """Simulate all twins in lockstep, start after start, or to the first signal received, which
+    raises KeyboardInterrupt. The recorder gets the first run."""
+    with progress(options.starts * options.duration, "s") as bar:
         for i, time in enumerate(start_times(options.starts)):
             if i > 0:
                 twins = load(options, again=True)
-            _run_once(twins, time, i, options, recorder if i == 0 else None, history, received)
-        if recorder is not None:
-            recorder.close()
-    except DivergenceError as error:
-        status, trouble = DIVERGED, str(error)
-    except OSError as error:
-        status, trouble = UNWRITABLE, str(error)
-    except KeyboardInterrupt:
-        status, trouble = stopped_by(received[0])
-    if sys.stderr.isatty():
-        clear_progress()
-    if trouble:
-        print(f"compare.py: {trouble}", file=sys.stderr)
-    return status
-
-
-def _run_once(
-    twins: Mapping[str, Scene],
-    start: float,
-    index: int,
-    options: argparse.Namespace,
-    recorder: SideBySideRecorder | None,
-    history: History,
-    received: list[int],
-) -> None:
-    """One run of all twins, which a signal received ends with a KeyboardInterrupt."""
-    for scene in twins.values():
-        scene.data.time = start
-    runs = [simulate(scene, options.duration, options.rate) for scene in twins.values()]
-    history.begin()
-    try:
-        for samples in zip(*runs, strict=True):
-            history.add(samples)
-            if recorder is not None:
-                recorder.log(samples)
-            if sys.stderr.isatty():
-                done = index * options.duration + history.duration
-                show_progress(done, options.starts * options.duration)
-            if received:
-                raise KeyboardInterrupt
-    finally:
-        history.end()
+            for scene in twins.values():
+                scene.data.time = time
+            runs = [simulate(scene, options.duration, options.rate) for scene in twins.values()]
+            history.begin()
+            try:
+                for samples in zip(*runs, strict=True):
+                    history.add(samples)
+                    if recorder is not None and i == 0:
+                        recorder.log(samples)
+                    bar.update(i * options.duration + history.duration - bar.n)
+                    if received:
+                        raise KeyboardInterrupt
+            finally:
+                history.end()
+    if recorder is not None:
+        recorder.close()
 
 
 def summarise(
@@ -260,12 +232,13 @@ def print_summary(summary: dict[str, Any]) -> None:
     )
     for label, microseconds in summary["buoyancy_us_per_step"].items():
         print(f"{label}: {microseconds:.1f} us of buoyancy a step")
-    width = max(len(label) for label in summary["methods"])
     for body, means in summary["means"].items():
-        print(f"\n{body:<{width}}              height m                    tilt deg")
-        for label, mean in means.items():
-            cells = [f"{m['value']:11.5f} +- {m['error']:.5f}" for m in mean.values()]
-            print(f"{label:<{width}}  {cells[0]}     {cells[1]}")
+        print()
+        rows = [
+            (label, *(f"{m['value']:.5f} +- {m['error']:.5f}" for m in mean.values()))
+            for label, mean in means.items()
+        ]
+        print_table((body, "height m", "tilt deg"), rows)
     for body, differences in summary["differences"].items():
         for label, difference in differences.items():
             print(f"\n{body}, {label} minus {summary['methods'][0]}:")
@@ -301,8 +274,7 @@ def main(arguments: list[str] | None = None) -> int:
     with ExitStack() as stack:
         try:
             twins = load(options)
-            if options.json is not None:
-                options.json.open("a").close()
+            check_json(options.json)
             received = stack.enter_context(stop_signals())
             recorder = None if recording is None else SideBySideRecorder(recording, twins)
         except (ValueError, OSError) as error:
@@ -312,12 +284,13 @@ def main(arguments: list[str] | None = None) -> int:
         history = History(len(twins), timestep)
         started = perf_counter()
         with recorder or nullcontext():
-            status = run(twins, options, recorder, history, received)
+            status = run_to_the_end(
+                lambda: run(twins, options, recorder, history, received), received
+            )
         summary = summarise(twins, options, history)
         summary["wall_s"] = perf_counter() - started
         summary["recording"] = None if recording is None else str(recording)
-        if options.json is not None:
-            options.json.write_text(json.dumps(summary, indent=2) + "\n")
+        write_json(options.json, summary)
         print_summary(summary)
         if recording is not None:
             print(f"\nrecorded {recording.stat().st_size / 1e6:.1f} MB: {recording}")

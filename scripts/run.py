@@ -7,7 +7,6 @@ Exit status: 0 on success, 2 on unusable input, 3 when the state diverged, 4 whe
 """
 
 import argparse
-import json
 import shutil
 import sys
 from contextlib import ExitStack, nullcontext
@@ -16,21 +15,22 @@ from time import perf_counter
 from typing import Any
 
 from command_line import (
-    DIVERGED,
     UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
     at_least,
-    clear_progress,
+    check_json,
     compiling_notice,
     positive,
+    print_table,
+    progress,
     run_script,
-    show_progress,
+    run_to_the_end,
     stop_signals,
-    stopped_by,
+    write_json,
 )
 
-from sim import DivergenceError, Recorder, Scene, Tally, simulate
+from sim import Recorder, Scene, Tally, simulate
 from sim.coupling.simulation import observe
 
 
@@ -94,14 +94,8 @@ def open_recorder(
     """What writes and shows the run; None when it is neither recorded nor viewed."""
     if recording is None and not options.view:
         return None
-    return Recorder(
-        recording,
-        scene,
-        options.record_rate,
-        options.water_size,
-        options.water_resolution,
-        options.view,
-    )
+    water = options.water_size, options.water_resolution
+    return Recorder(recording, scene, options.record_rate, *water, options.view)
 
 
 def run(
@@ -110,42 +104,18 @@ def run(
     recorder: Recorder | None,
     tally: Tally,
     received: list[int],
-) -> int:
-    """Simulate, record and tally until a signal is received; return the exit status."""
-    show = sys.stderr.isatty() and not options.quiet
-    status, trouble = 0, ""
-    try:
-        record_samples(scene, options, recorder, tally, received, show)
-    except DivergenceError as error:
-        status, trouble = DIVERGED, str(error)
-    except OSError as error:
-        status, trouble = UNWRITABLE, str(error)
-    except KeyboardInterrupt:
-        status, trouble = stopped_by(received[0])
-    if show:
-        clear_progress()
-    if trouble:
-        print(f"run.py: {trouble}", file=sys.stderr)
-    return status
-
-
-def record_samples(
-    scene: Scene,
-    options: argparse.Namespace,
-    recorder: Recorder | None,
-    tally: Tally,
-    received: list[int],
-    show: bool,
 ) -> None:
-    """Simulate to the end or to the first signal received, which raises KeyboardInterrupt."""
-    for sample in simulate(scene, options.duration, options.rate):
-        tally.add(sample)
-        if recorder is not None:
-            recorder.log(sample)
-        if show:
-            show_progress(sample.time, options.duration)
-        if received:
-            raise KeyboardInterrupt
+    """Simulate, record and tally to the end, or to the first signal received, which raises
+    KeyboardInterrupt."""
+    with progress(options.duration, "s", options.quiet) as bar:
+        start = scene.data.time
+        for sample in simulate(scene, options.duration, options.rate):
+            tally.add(sample)
+            if recorder is not None:
+                recorder.log(sample)
+            bar.update(sample.time - start - bar.n)
+            if received:
+                raise KeyboardInterrupt
     if recorder is not None:
         recorder.close()
 
@@ -179,15 +149,16 @@ def print_summary(summary: dict[str, Any]) -> None:
         f"({summary['realtime_factor']:.1f} x real time)\n"
         f"a step: {summary['buoyancy_us_per_step']:.1f} us in buoyancy, "
         f"{summary['step_us']:.1f} us in MuJoCo"
-        + ("\n" if logging is None else f"; a frame: {logging:.2f} ms in logging\n")
+        + ("" if logging is None else f"; a frame: {logging:.2f} ms in logging")
     )
-    width = max(len("mean of"), *map(len, summary["bodies"]))
-    print(f"{'mean of':<{width}}  height m  tilt deg  submerged  force/weight")
-    for name, means in summary["bodies"].items():
-        print(
-            f"{name:<{width}}  {means['mean_height']:8.3f}  {means['mean_tilt_deg']:8.2f}  "
-            f"{means['mean_submerged_fraction']:9.3f}  {means['mean_force_over_weight']:12.3f}"
+    rows = [
+        (
+            name, f"{means['mean_height']:.3f}", f"{means['mean_tilt_deg']:.2f}",
+            f"{means['mean_submerged_fraction']:.3f}", f"{means['mean_force_over_weight']:.3f}",
         )
+        for name, means in summary["bodies"].items()
+    ]  # fmt: skip
+    print_table(("mean of", "height m", "tilt deg", "submerged", "force/weight"), rows)
     if summary["recording"] is not None:
         beside_python = Path(sys.executable).with_name("rerun")
         viewer = "rerun" if shutil.which("rerun") else beside_python
@@ -197,12 +168,11 @@ def print_summary(summary: dict[str, Any]) -> None:
 
 def report(summary: dict[str, Any], options: argparse.Namespace, status: int) -> int:
     """Write and print the summary; return the exit status."""
-    if options.json is not None:
-        try:
-            options.json.write_text(json.dumps(summary, indent=2) + "\n")
-        except OSError as error:
-            print(f"run.py: {error}", file=sys.stderr)
-            status = status or UNWRITABLE
+    try:
+        write_json(options.json, summary)
+    except OSError as error:
+        print(f"run.py: {error}", file=sys.stderr)
+        status = status or UNWRITABLE
     if not options.quiet:
         print_summary(summary)
     return status
@@ -216,8 +186,7 @@ def main(arguments: list[str] | None = None) -> int:
     with ExitStack() as stack:
         try:
             scene = load(options)
-            if options.json is not None:
-                options.json.open("a").close()
+            check_json(options.json)
             received = stack.enter_context(stop_signals())
             recorder = open_recorder(recording, scene, options)
         except (ValueError, OSError) as error:
@@ -228,7 +197,9 @@ def main(arguments: list[str] | None = None) -> int:
         tally = Tally(scene)
         started = perf_counter()
         with recorder or nullcontext():
-            status = run(scene, options, recorder, tally, received)
+            status = run_to_the_end(
+                lambda: run(scene, options, recorder, tally, received), received
+            )
         summary = summarise(scene, tally, perf_counter() - started, recording, recorder)
         return report(summary, options, status)
 

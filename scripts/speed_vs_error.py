@@ -8,14 +8,11 @@ Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C, with the rows 
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from importlib.util import find_spec
-from itertools import product
+from itertools import groupby, product
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 from command_line import (
@@ -23,22 +20,25 @@ from command_line import (
     UNUSABLE_INPUT,
     Parser,
     at_least,
-    clear_progress,
+    check_json,
     interruptible,
     positive,
+    print_table,
+    progress,
     run_script,
-    show_progress,
+    write_json,
 )
 
 import numpy as np
 import trimesh
-from error_sources import error_sources, print_sources
 
-from sim import Hull, Reference, Sea
-from sim.measure.accuracy import SEAS, Pose, errors, time_in_turns, waterline_poses, wrenches
+from sim import Hull, Reference
+from sim.measure.accuracy import CHANGES, speeds_and_errors, wrenches
+from sim.measure.seas import SEAS, waterline_poses
+from sim.measure.sources import DURATION, FALL, error_sources
 from sim.methods import make_method
 
-MESHES = Path(__file__).resolve().parents[1] / "models" / "meshes"
+MODELS = Path(__file__).resolve().parents[1] / "models"
 
 HULLS = ("cube", "bunny_coarse", "bunny", "dragon", "bunny_fine")
 """The cube has 12 faces, bunny_fine those of the bunny split into 16 each: the same surface."""
@@ -55,9 +55,6 @@ GOOD_ENOUGH = 1e-5
 still smaller."""
 
 QUICK = {"hulls": ["cube", "bunny"], "seas": ["three", "chop"], "poses": 10, "seconds": 0.3}
-
-CHANGES = ("horizontal", "vertical", "torque")
-"""Errors whose change against the baseline's is stated."""
 
 MARKERS = "osv^Dx"
 
@@ -80,7 +77,7 @@ def make_hull(name: str) -> Hull:
 
 
 def _load(name: str) -> trimesh.Trimesh:
-    return trimesh.load_mesh(MESHES / f"{name}.obj", process=False)
+    return trimesh.load_mesh(MODELS / "meshes" / f"{name}.obj", process=False)
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
@@ -126,60 +123,37 @@ def measure(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
             "sea": sea_name,
             "waves": len(sea.waves),
         }
-        for row in measure_case(options, hull, sea, poses, truths[surface, sea_name]):
-            yield case | row
+        truth = truths[surface, sea_name]
+        of_methods = speeds_and_errors(options.methods, hull, sea, poses, truth, options.seconds)
+        yield from (case | row for row in of_methods)
 
 
-def measure_case(
-    options: argparse.Namespace, hull: Hull, sea: Sea, poses: Sequence[Pose], truth: np.ndarray
-) -> Iterator[dict[str, Any]]:
-    """The methods' rows for one hull in one sea; the first method is the baseline."""
-    methods, setup = [], []
-    for text in options.methods:
-        started = perf_counter()
-        methods.append(make_method(text, hull, sea))
-        setup.append(perf_counter() - started)
-    seconds = time_in_turns(methods, poses, options.seconds)
-    # of each pose's repeats, then the mean over poses
-    fastest = 1e6 * seconds.min(axis=0).mean(axis=1)
-    median = 1e6 * np.median(seconds, axis=0).mean(axis=1)
-    found = [asdict(errors(wrenches(method, poses), truth, method)) for method in methods]
-    for i, text in enumerate(options.methods):
-        changes = {
-            f"{part}_change": 100.0 * (found[i][f"{part}_rms"] / found[0][f"{part}_rms"] - 1.0)
-            for part in CHANGES
-        }
-        yield {
-            "method": text,
-            "baseline": i == 0,
-            "setup_ms": 1e3 * setup[i],
-            "us_median": float(median[i]),
-            "us_min": float(fastest[i]),
-            "speed_up": float(fastest[0] / fastest[i]),
-            **found[i],
-            **changes,
-        }
+COLUMNS = (
+    "method", "us min", "median", "ratio", "force max", "rms", "torque max", "rms",
+    "lift bias", "+-", *(f"{part} %" for part in CHANGES),
+)  # fmt: skip
+"""The last ones are changes of the rms errors against the first method's."""
 
 
 def print_rows(rows: Sequence[dict[str, Any]]) -> None:
     """The rows as tables, one for each hull in each sea."""
-    width = max(map(len, ["method", *(row["method"] for row in rows)]))
-    for row in rows:
-        if row["baseline"]:
-            print(
-                f"\n{row['hull']}, {row['faces']} faces, in {row['sea']}: {row['waves']} "
-                f"wave{'s' * (row['waves'] != 1)}\n"
-                f"{'':<{width}}     us a wrench          force error        torque error     "
-                f"vertical bias      rms against {row['method']}, %\n"
-                f"{'method':<{width}}  minimum  median  ratio      max      rms      max      rms"
-                "      mean       +-   horiz.   vert.  torque"
-            )
+    for _, case in groupby(rows, key=lambda row: (row["hull"], row["sea"])):
+        of_methods = list(case)
+        first = of_methods[0]
         print(
-            f"{row['method']:<{width}} {row['us_min']:8.1f}{row['us_median']:8.1f}"
-            f"{row['speed_up']:7.2f}  {row['force_max']:.1e}  {row['force_rms']:.1e}  "
-            f"{row['torque_max']:.1e}  {row['torque_rms']:.1e}  {row['bias']:+.1e}  "
-            f"{row['bias_error']:.0e}  " + _changes(row)
+            f"\n{first['hull']}, {first['faces']} faces, in {first['sea']}: {first['waves']} "
+            f"wave{'s' * (first['waves'] != 1)}"
         )
+        print_table(COLUMNS, [_cells(row) for row in of_methods])
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    changes = ("" if row["baseline"] else f"{row[f'{part}_change']:+.1f}" for part in CHANGES)
+    return (
+        row["method"], f"{row['us_min']:.1f}", f"{row['us_median']:.1f}", f"{row['speed_up']:.2f}",
+        f"{row['force_max']:.1e}", f"{row['force_rms']:.1e}", f"{row['torque_max']:.1e}",
+        f"{row['torque_rms']:.1e}", f"{row['bias']:+.1e}", f"{row['bias_error']:.0e}", *changes,
+    )  # fmt: skip
 
 
 def print_fastest(rows: Sequence[dict[str, Any]]) -> None:
@@ -207,13 +181,6 @@ def print_fastest(rows: Sequence[dict[str, Any]]) -> None:
                     f"{hull} in {sea}: {row['faces'] / coarse['faces']:.0f} x the faces of "
                     f"{coarse['hull']} take {row['us_min'] / coarse['us_min']:.1f} x its time"
                 )
-
-
-def _changes(row: dict[str, Any]) -> str:
-    """Change in per cent of the rms errors against the baseline's."""
-    if row["baseline"]:
-        return ""
-    return "".join(f"{row[f'{part}_change']:+8.1f}" for part in CHANGES)
 
 
 def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
@@ -272,6 +239,25 @@ def family(row: dict[str, Any]) -> str:
     return f"{name}, crests only" if "crests" in settings else name
 
 
+def print_sources(report: dict[str, list[dict[str, Any]]]) -> None:
+    """The two tables of other sources of error; relative as everywhere, paths in mm and degrees."""
+    for _, of_sea in groupby(report["wrench"], key=lambda row: row["sea"]):
+        rows = list(of_sea)
+        print(f"\nbunny in {rows[0]['waves']} waves, sum of k a {rows[0]['steepness']:.2f}")
+        names = ("force_max", "force_rms", "torque_max", "torque_rms")
+        cells = [(row["source"], *(f"{row[name]:.1e}" for name in names)) for row in rows]
+        titles = ("error of the wrench from", "force max", "rms", "torque max", "rms")
+        print_table(titles, cells)
+    print(
+        f"\nbunny dropped into its scene, largest error in the first {FALL:g} s, then until "
+        f"{DURATION:g} s"
+    )
+    names = ("fall_height_mm", "fall_tilt_deg", "height_mm", "tilt_deg")
+    cells = [(row["source"], *(f"{row[name]:.2g}" for name in names)) for row in report["path"]]
+    titles = ("error of the path from", "height mm", "tilt deg", "height mm", "tilt deg")
+    print_table(titles, cells)
+
+
 def check_outputs(options: argparse.Namespace) -> None:
     """Find out before the work whether its results can be written and its methods made."""
     if options.figure is not None and find_spec("matplotlib") is None:
@@ -279,28 +265,17 @@ def check_outputs(options: argparse.Namespace) -> None:
     cube = make_hull("cube")
     for text in options.methods:
         make_method(text, cube, SEAS["swell"])
-    for path in (options.json, options.figure):
-        if path is not None:
-            path.open("a").close()
+    check_json(options.json)
+    check_json(options.figure)
 
 
 def collect(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
-    """Measure all rows and add them, with a progress bar where someone may be looking."""
-    show = sys.stderr.isatty()
+    """Measure all rows and add them."""
     total = len(options.hulls) * len(options.seas) * len(options.methods)
-    try:
+    with progress(total, "rows") as bar:
         for row in measure(options):
             rows.append(row)
-            if show:
-                show_progress(len(rows), total, "rows")
-    finally:
-        if show:
-            clear_progress()
-
-
-def write_report(options: argparse.Namespace, report: dict[str, Any]) -> None:
-    if options.json is not None:
-        options.json.write_text(json.dumps(report, indent=2) + "\n")
+            bar.update()
 
 
 def report_rows(options: argparse.Namespace) -> int:
@@ -314,7 +289,7 @@ def report_rows(options: argparse.Namespace) -> int:
         print("speed_vs_error.py: interrupted", file=sys.stderr)
         status = INTERRUPTED
     report = {"poses": options.poses, "seed": options.seed, "truth": TRUTH, "rows": rows}
-    write_report(options, report)
+    write_json(options.json, report)
     print_rows(rows)
     print_fastest(rows)
     if options.figure is not None and not status:
@@ -324,8 +299,8 @@ def report_rows(options: argparse.Namespace) -> int:
 
 def report_sources(options: argparse.Namespace) -> int:
     """The same for the other sources of error, which come all at once."""
-    report = error_sources(make_hull, options.poses, options.seed)
-    write_report(options, report)
+    report = error_sources(make_hull("bunny"), MODELS / "bunny.xml", options.poses, options.seed)
+    write_json(options.json, report)
     print_sources(report)
     return 0
 

@@ -10,15 +10,10 @@ import trimesh
 
 from independent import REPOSITORY, ROUND_OFF, load_mesh, status_of, three_waves
 from sim import Chord, Hull, Linear, Reference, Sea
-from sim.measure.accuracy import (
-    SEAS,
-    Customary,
-    errors,
-    mean_of_correlated,
-    time_in_turns,
-    waterline_poses,
-    wrenches,
-)
+from sim.measure.accuracy import errors, time_in_turns, wrenches
+from sim.measure.customary import Customary
+from sim.measure.seas import SEAS, waterline_poses
+from sim.measure.statistics import mean_of_correlated
 
 CUBE = Hull.from_trimesh(trimesh.creation.box(extents=(1.0, 1.0, 1.0)))
 SCRIPT = [sys.executable, str(REPOSITORY / "scripts" / "speed_vs_error.py")]
@@ -156,6 +151,7 @@ def test_speed_vs_error_prints_and_writes_its_table(tmp_path):
         assert row["us_min"] <= row["us_median"]
         assert row["force_rms"] <= row["force_max"]
         assert f"{row['force_max']:.1e}" in result.stdout
+    assert "bunny_coarse, 250 faces, in three: 3 waves" in result.stdout
     linear, _, reference = report["rows"][:3]
     assert linear["speed_up"] == 1.0
     assert reference["force_max"] < 1e-4 < linear["force_max"]

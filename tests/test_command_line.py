@@ -5,8 +5,7 @@ import signal
 import subprocess
 import sys
 
-import command_line
-from command_line import run_script, stop_signals
+from command_line import print_table, progress, run_script, stop_signals
 
 import pytest
 
@@ -28,8 +27,7 @@ def test_who_insists_ends_the_process_at_once(monkeypatch, capfd):
         raise SystemExit(status)
 
     monkeypatch.setattr("os._exit", leave)
-    monkeypatch.setattr(command_line, "SAME_SIGNAL", -1.0)
-    with pytest.raises(SystemExit) as left, stop_signals():
+    with pytest.raises(SystemExit) as left, stop_signals(same=-1.0):
         os.kill(os.getpid(), signal.SIGTERM)
     assert left.value.code == 143
     assert capfd.readouterr().err.endswith(": terminated\n")
@@ -70,3 +68,24 @@ def test_a_reader_that_goes_away_leaves_no_traceback(tmp_path):
     os.close(writing)
     assert (result.returncode, result.stderr) == (141, "")
     assert (tmp_path / "meshes" / "wigley.obj").is_file()
+
+
+def test_tables_align_names_left_and_numbers_right(capsys):
+    print_table(("body", "height m"), [("cube", "0.10"), ("long name", "-12.345")])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == ["body       height m", "cube           0.10", "long name   -12.345"]
+    rows = (row for row in [("a", "1"), ("b", "2")])  # printed as they come
+    print_table(("", "x"), rows, widths={"": 3, "x": 4})
+    assert capsys.readouterr().out.splitlines() == ["        x", "a       1", "b       2"]
+
+
+def test_progress_is_shown_on_a_terminal_only(monkeypatch, capsys):
+    with progress(10.0, "s") as bar:
+        bar.update(5.0)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    for quiet, seen in ((False, True), (True, False)):
+        with progress(10.0, "s", quiet) as bar:
+            bar.update(5.0)
+            bar.refresh()
+        assert ("of 10 s" in capsys.readouterr().err) == seen

@@ -1,19 +1,12 @@
 """The scenes in models/: each runs at its own timestep, and what is known about some of them."""
 
-import importlib.util
-
+import make_scenes
 import mujoco
 import numpy as np
 import pytest
 
-from independent import GRAVITY, MODELS, REPOSITORY
+from independent import GRAVITY, MODELS
 from sim import Hull, Linear, Scene, Sea, simulate
-
-_spec = importlib.util.spec_from_file_location(
-    "make_scenes", REPOSITORY / "scripts" / "make_scenes.py"
-)
-make_scenes = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(make_scenes)
 
 L, B, T = make_scenes.LENGTH, make_scenes.BEAM, make_scenes.DRAFT
 WATER = 1025.0

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scenes import CUBE, model
 
-from independent import clip
-from sim import Buoyancy, Scene, simulate
+from sim import Scene, simulate
+from sim.measure.energy import mechanical_energy, potential_energy
 
 G, WATER = 9.81, 1025.0
 
@@ -105,27 +105,21 @@ def test_a_square_bar_settles_at_its_known_tilt(relative_density, rest):
     assert abs(scene.data.qvel).max() < 1e-5
 
 
-def submerged_moment(buoyancy: Buoyancy, data: mujoco.MjData) -> float:
-    """Integral of the depth over the submerged volume [m^4], flat water at 0: of -depth^2/2 n_z
-    over the wet surface, by Gauss's theorem; the depth squared is integrated exactly."""
-    hull = buoyancy.floats[0].method.hull
-    body = buoyancy.floats[0].body
-    vertices = hull.vertices @ data.ximat[body].reshape(3, 3).T + data.xipos[body]
-    corners, depth = clip(vertices[hull.faces], -vertices[hull.faces][:, :, 2])
-    a, b, c = np.moveaxis(corners, 1, 0)
-    area_z = 0.5 * np.cross(b - a, c - a)[:, 2]
-    squared = (depth.sum(axis=1) ** 2 + (depth**2).sum(axis=1)) / 12.0
-    return float(-0.5 * squared @ area_z)
-
-
-def energy(scene: Scene) -> float:
-    """Kinetic and potential energy [J], the displaced water's included."""
-    model, data, buoyancy = scene.model, scene.data, scene.buoyancy
-    mujoco.mj_forward(model, data)
-    mujoco.mj_energyPos(model, data)
-    mujoco.mj_energyVel(model, data)
-    lifted_water = WATER * G * submerged_moment(buoyancy, data)
-    return float(data.energy.sum()) + lifted_water
+def test_energy_of_the_water_is_that_of_what_it_is_lifted_by():
+    """An upright box at a draught d has lifted the water by d / 2: rho g A d^2 / 2; a cube on an
+    edge that is just under holds that of a triangle, rho g A d^2 / 6 in all."""
+    box = Scene.from_model(model(BOX, ("box",), option='<option timestep="0.002"/>'))
+    weight = BOX_DENSITY * 0.8 * G
+    for draught in (0.05, 0.24, 0.39):
+        box.data.qpos[2] = 0.2 - draught
+        mujoco.mj_forward(box.model, box.data)
+        expected = weight * (0.2 - draught) + WATER * G * 2.0 * draught**2 / 2.0
+        assert potential_energy(box) == pytest.approx(expected, rel=1e-12)
+    bar = Scene.from_model(model(CUBE))
+    bar.data.qpos[2:5] = [np.sqrt(0.5) - 0.3, np.cos(np.pi / 8), np.sin(np.pi / 8)]
+    mujoco.mj_forward(bar.model, bar.data)
+    expected = 512.5 * G * bar.data.qpos[2] + WATER * G * 0.3**3 / 3.0  # width 2 d at a height d
+    assert potential_energy(bar) == pytest.approx(expected, rel=1e-9)
 
 
 def energy_drift(integrator: str, timestep: float) -> float:
@@ -133,7 +127,7 @@ def energy_drift(integrator: str, timestep: float) -> float:
     option = f'<option timestep="{timestep}" integrator="{integrator}"/>'
     scene = Scene.from_model(model(BOX, ("box",), option=option))
     scene.data.qpos[:] = [0, 0, 0.3, np.cos(0.3), np.sin(0.3), 0, 0]
-    energies = [energy(scene) for _ in simulate(scene, 5.0, rate=20.0)]
+    energies = [mechanical_energy(scene) for _ in simulate(scene, 5.0, rate=20.0)]
     return float(np.abs(np.array(energies) - energies[0]).max())
 
 

@@ -1,4 +1,4 @@
-"""The sources of error beside the method, for `speed_vs_error.py --sources`.
+"""Sources: the errors beside the method's.
 
 Each is switched on alone and held against the same computation without it, first in the wrench at
 poses at the waterline, then in the path of a bunny dropped into three crossing waves.
@@ -12,11 +12,15 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from sim import Buoyancy, Chord, Hull, Linear, Reference, Scene, Sea, simulate
-from sim.measure.accuracy import SEAS, Customary, Pose, errors, steepened, waterline_poses, wrenches
-from sim.methods import Method
-
-SCENE = Path(__file__).resolve().parents[1] / "models" / "bunny.xml"
+from sim.coupling.buoyancy import Buoyancy
+from sim.coupling.scene import Scene
+from sim.coupling.simulation import simulate
+from sim.hull import Hull
+from sim.measure.accuracy import errors, wrenches
+from sim.measure.customary import Customary
+from sim.measure.seas import SEAS, Pose, steepened, waterline_poses
+from sim.methods import Chord, Linear, Method, Reference
+from sim.water.sea import Sea
 
 FALL, DURATION = 3.0, 10.0  # [s]; within 3 the bunny has fallen in and follows the waves
 RATE = 50.0  # [Hz]
@@ -31,9 +35,8 @@ CONVERGED = 8
 Report = dict[str, list[dict[str, Any]]]
 
 
-def error_sources(make_hull: Callable[[str], Hull], pose_count: int, seed: int) -> Report:
-    """Rows of the two tables."""
-    bunny = make_hull("bunny")
+def error_sources(bunny: Hull, scene: Path, pose_count: int, seed: int) -> Report:
+    """Rows of the two tables: for a hull, and for the body of a scene that floats with it."""
     seas = {name: SEAS[name] for name in ("three", "forty")}
     seas["three, steep"] = steepened(SEAS["three"].waves, STEEP)
     wrench_rows = [
@@ -41,7 +44,7 @@ def error_sources(make_hull: Callable[[str], Hull], pose_count: int, seed: int) 
         for name, sea in seas.items()
         for row in _wrench_rows(bunny, sea, waterline_poses(bunny, sea, pose_count, seed))
     ]
-    return {"wrench": wrench_rows, "path": _path_rows()}
+    return {"wrench": wrench_rows, "path": _path_rows(scene)}
 
 
 def _refined(hull: Hull) -> Hull:
@@ -73,25 +76,25 @@ def _wrench_rows(bunny: Hull, sea: Sea, poses: Sequence[Pose]) -> list[dict[str,
     return rows
 
 
-def _path_rows() -> list[dict[str, Any]]:
+def _path_rows(scene: Path) -> list[dict[str, Any]]:
     """Errors in the path of the scene's bunny: in height and tilt, while it falls in and after."""
-    plain = _path(Linear)
-    true_time = _path(Linear, FINE_TIMESTEP)
+    plain = _path(scene, Linear)
+    true_time = _path(scene, Linear, FINE_TIMESTEP)
     cases = {
         "timestep 2 ms": (plain, true_time),
-        "timestep 1 ms": (_path(Linear, 1e-3), true_time),
-        "timestep 0.5 ms": (_path(Linear, 5e-4), true_time),
+        "timestep 1 ms": (_path(scene, Linear, 1e-3), true_time),
+        "timestep 0.5 ms": (_path(scene, Linear, 5e-4), true_time),
         "linear on 3,674 faces, not 58,784": (
             plain,
-            _path(lambda hull, sea: Linear(_refined(hull), sea)),
+            _path(scene, lambda hull, sea: Linear(_refined(hull), sea)),
         ),
-        "chord:4 instead of linear": (_path(Chord), plain),
+        "chord:4 instead of linear": (_path(scene, Chord), plain),
         "2 Newton steps for an elevation": (
-            _path(lambda hull, sea: Customary(hull, sea, 2)),
+            _path(scene, lambda hull, sea: Customary(hull, sea, 2)),
             plain,
         ),
         "single precision": (
-            _path(lambda hull, sea: Customary(hull, sea, CONVERGED, np.float32)),
+            _path(scene, lambda hull, sea: Customary(hull, sea, CONVERGED, np.float32)),
             plain,
         ),
     }
@@ -111,38 +114,13 @@ def _path_rows() -> list[dict[str, Any]]:
     return rows
 
 
-def _path(make: Callable[[Hull, Sea], Method], timestep: float | None = None) -> np.ndarray:
-    """Height [m] and tilt [deg] of the scene's bunny, (N, 2), with a method of one's own."""
-    scene = Scene.load(SCENE, timestep=timestep)
+def _path(
+    path: Path, make: Callable[[Hull, Sea], Method], timestep: float | None = None
+) -> np.ndarray:
+    """Height [m] and tilt [deg] of the scene's body, (N, 2), with a method of one's own."""
+    scene = Scene.load(path, timestep=timestep)
     buoyancy = scene.buoyancy
     floats = [replace(f, method=make(f.method.hull, buoyancy.sea)) for f in buoyancy.floats]
     scene = replace(scene, buoyancy=Buoyancy(scene.model, buoyancy.sea, floats))
     samples = simulate(scene, DURATION, RATE)
     return np.array([[s.centres[0, 2], np.degrees(s.tilts[0])] for s in samples])
-
-
-def print_sources(report: Report) -> None:
-    """The two tables; errors relative as everywhere, paths in mm and degrees."""
-    width = max(len(row["source"]) for rows in report.values() for row in rows)
-    sea = None
-    for row in report["wrench"]:
-        if row["sea"] != sea:
-            sea = row["sea"]
-            print(
-                f"\nbunny in {row['waves']} waves, sum of k a {row['steepness']:.2f}\n"
-                f"{'error of the wrench from':<{width}}  force max      rms  torque max      rms"
-            )
-        print(
-            f"{row['source']:<{width}}    {row['force_max']:.1e}  {row['force_rms']:.1e}     "
-            f"{row['torque_max']:.1e}  {row['torque_rms']:.1e}"
-        )
-    print(
-        f"\nbunny dropped into its scene, largest error\n"
-        f"{'':<{width}}  in the first {FALL:g} s        until {DURATION:g} s\n"
-        f"{'error of the path from':<{width}}  height mm  tilt deg  height mm  tilt deg"
-    )
-    for row in report["path"]:
-        print(
-            f"{row['source']:<{width}}  {row['fall_height_mm']:9.2g} {row['fall_tilt_deg']:9.2g}  "
-            f"{row['height_mm']:9.2g} {row['tilt_deg']:9.2g}"
-        )

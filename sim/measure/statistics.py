@@ -1,0 +1,64 @@
+"""Statistics: means of series whose samples remember their predecessors, and their errors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+FEWEST_BATCHES = 16
+"""Batches below which their scatter tells the error of a mean to no better than a fifth."""
+
+
+@dataclass(frozen=True)
+class Mean:
+    """Mean with its standard error, which comes from the scatter of so many batches of so many
+    samples each. settled: whether batches of that length and longer were found uncorrelated; if
+    not, the series is too short for its memory and the error is too small."""
+
+    value: float
+    error: float
+    batches: int
+    batch: int
+    settled: bool
+
+
+def mean_of_runs(runs: Sequence[Array]) -> Mean:
+    """Mean over independent runs (N,) of equal length: one batch each."""
+    means = np.array([np.mean(run) for run in runs])
+    error = means.std(ddof=1) / np.sqrt(len(means))
+    return Mean(float(means.mean()), float(error), len(means), len(runs[0]), settled=True)
+
+
+def mean_of_correlated(series: ArrayLike) -> Mean:
+    """Mean of a stationary series (N,) whose samples remember their predecessors, by batch means
+    (Conway 1963).
+
+    Means over batches long against the memory are independent, so their scatter tells the error of
+    the whole mean. The length comes from the series: it is doubled, while at least
+    FEWEST_BATCHES are left, and the shortest is taken from which on no length shows a correlation
+    between neighbouring batches beyond its noise of 1 / sqrt(batches), twice. Where no length does,
+    the longest is taken and `settled` is false. Raises ValueError for fewer samples than that.
+    """
+    series = np.asarray(series, dtype=float)
+    if series.size < FEWEST_BATCHES:
+        raise ValueError(
+            f"the series has {series.size} samples; its mean's error needs {FEWEST_BATCHES} or more"
+        )
+    chosen, settled = None, False
+    length = 1
+    while series.size // length >= FEWEST_BATCHES:
+        count = series.size // length
+        means = series[series.size - count * length :].reshape(count, length).mean(axis=1)
+        off = means - means.mean()
+        spread = float(off @ off)
+        correlation = float(off[1:] @ off[:-1]) / spread if spread > 0.0 else 0.0
+        quiet = abs(correlation) <= 2.0 / count**0.5
+        if chosen is None or not (settled and quiet):
+            error = np.sqrt(spread / (count - 1) / count)
+            chosen = (float(error), count, length)
+        settled = quiet
+        length *= 2
+    return Mean(float(series.mean()), *chosen, settled=settled)

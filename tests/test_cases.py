@@ -1,0 +1,28 @@
+"""The hard cases that take little time, at the shipped scenes' timestep; all of them, at every
+integrator and timestep, run by scripts/hard_cases.py."""
+
+import pytest
+
+from sim.measure.cases import CASES, attempts
+
+QUICK = [name for name, case in CASES.items() if case.duration <= 5.0]
+
+
+@pytest.fixture(autouse=True)
+def _quiet_mujoco(tmp_path, monkeypatch):
+    """MuJoCo writes its warnings to a log file in the current folder."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_hard_case_holds_at_2_ms(name):
+    outcome = attempts(CASES[name], "implicitfast", [0.002])
+    assert outcome.holds_up_to(CASES[name].limit) == 0.002, (outcome, CASES[name].expects)
+
+
+def test_a_case_that_diverges_does_not_hold():
+    """The tiny cube's period is 0.045 s: at 20 ms a step it is thrown."""
+    case = CASES["mesh in millimetres"]
+    outcome = attempts(case, "Euler", [0.0005, 0.02])
+    assert outcome.holds_up_to(case.limit) == 0.0005
+    assert not outcome.errors[0.02] or outcome.errors[0.02] > case.limit
