@@ -68,9 +68,6 @@ class Buoyancy:
         self.calls = 0
         self.seconds = 0.0
         self._batches = _batches(self.floats, _whole(threads))
-        self._data: mujoco.MjData | None = None
-        self._views: tuple[Array, Array, Array] = ()
-        self._state: tuple[Array, ...] = ()
         self._resisted = [
             _resisted_body(model, int(body), self.floats)
             for body in self.bodies
@@ -147,7 +144,10 @@ class Buoyancy:
     def wrenches(self, data: mujoco.MjData) -> Array:
         """Wrench of every hull, (H, 6) [N, N m], world axes, torque about its body's centre of
         mass, for the kinematics as they stand in `data`. Writes nothing."""
-        return self._hull_wrenches(data.xipos, data.ximat, data.time)
+        wrenches = np.empty((len(self.floats), 6))
+        for batch in self._batches:
+            batch.write_wrenches(data.xipos, data.ximat, data.time, wrenches)
+        return wrenches
 
     def drag_wrenches(self, data: mujoco.MjData) -> Array:
         """Drag on every body of `bodies`, (B, 6) [N, N m], world axes, torque about its centre
@@ -158,54 +158,30 @@ class Buoyancy:
             return drags
         mujoco.mj_kinematics(self.model, data)
         _update_velocities(self.model, data)
-        if data is not self._data:
-            self._bind(data)
-        buoyancy = self._hull_wrenches(data.xipos, data.ximat, data.time)
         places = np.searchsorted(self.bodies, [body.body for body in self._resisted])
-        drags[places] = self._add_resistance(data.time, buoyancy, np.zeros_like(data.xfrc_applied))
+        unused = np.zeros_like(data.xfrc_applied)
+        drags[places] = self._add_resistance(data, self.wrenches(data), unused)
         return drags
 
-    def _bind(self, data: mujoco.MjData) -> None:
-        """Keep views of the arrays of `data`: asking for them anew costs more than using them."""
-        self._data = data
-        self._views = (data.xipos, data.ximat, data.xfrc_applied)
-        self._state = (
-            data.xipos,
-            data.ximat,
-            data.cvel,
-            data.subtree_com,
-            self._option.gravity,
-            data.qfrc_applied,
-            data.qfrc_passive,
-        )
-
-    def _hull_wrenches(self, positions: Array, rotations: Array, time: float) -> Array:
-        """Buoyancy (H, 6) of all hulls for the poses of all bodies (., 3), (., 9)."""
-        wrenches = np.empty((len(self.floats), 6))
-        for batch in self._batches:
-            batch.write_wrenches(positions, rotations, time, wrenches)
-        return wrenches
-
-    def _add_resistance(self, time: float, buoyancy: Array, rows: Array) -> Array:
+    def _add_resistance(self, data: mujoco.MjData, buoyancy: Array, rows: Array) -> Array:
         """Turn the resisted bodies' rows of all bodies' rows (., 6), their buoyancy, into the whole
         wrench of the water; returns their drag. buoyancy (H, 6): of all hulls."""
-        timestep = self._option.timestep
-        return self._resistance.add_resistance(*self._state, timestep, time, buoyancy, rows)
+        option = self._option
+        return self._resistance.add_resistance(
+            data.xipos, data.ximat, data.cvel, data.subtree_com, option.gravity,
+            data.qfrc_applied, data.qfrc_passive, option.timestep, data.time, buoyancy, rows,
+        )  # fmt: skip
 
     def _write(self, data: mujoco.MjData) -> None:
         started = perf_counter()
-        if data is not self._data:
-            self._bind(data)
-        time = data.time
-        positions, rotations, rows = self._views
-        wrenches = self._hull_wrenches(positions, rotations, time)
+        rows, wrenches = data.xfrc_applied, self.wrenches(data)
         if len(self.bodies) == len(self.floats):
             rows[self._rows] = wrenches
         else:
             rows[self.bodies] = 0.0
             np.add.at(rows, self._rows, wrenches)
         if self._resistance is not None:
-            self._add_resistance(time, wrenches, rows)
+            self._add_resistance(data, wrenches, rows)
         self.calls += 1
         self.seconds += perf_counter() - started
 
