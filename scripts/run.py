@@ -30,8 +30,7 @@ from command_line import (
     write_json,
 )
 
-from sim import Recorder, Scene, Tally, simulate
-from sim.coupling.simulation import observe
+from sim import Recorder, Scene, Tally, observe, simulate
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:

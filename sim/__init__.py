@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from sim.coupling.buoyancy import Buoyancy
 from sim.coupling.divergence import DivergenceError
 from sim.coupling.scene import Scene
-from sim.coupling.simulation import Sample, Tally, simulate
+from sim.coupling.simulation import Sample, Tally, observe, simulate
 from sim.hull import Hull
 from sim.methods import Chord, Linear, Patches, Reference
 from sim.resistance.drag import Drag, DragCoefficients
@@ -57,6 +57,7 @@ __all__ = [
     "SideBySideRecorder",
     "Tally",
     "Wave",
+    "observe",
     "read_series",
     "simulate",
     "wet_triangles_wrench",

@@ -20,7 +20,15 @@ from independent import (
 from sim import Hull, Linear, Patches, Reference, Sea, Wave
 from sim.methods import Place
 from sim.methods.patch_tree import build_tree
-from sim.water.fit import fitted_waves, jet_error, jets_at, sample_places
+from sim.water.fit import (
+    DISC,
+    SHIFT,
+    fitted_waves,
+    jet_error,
+    jet_radius,
+    jets_at,
+    sample_places,
+)
 
 CUBE = trimesh.creation.box(extents=[1.0, 1.0, 1.0])
 
@@ -109,6 +117,17 @@ def test_fitted_jets_are_nearer_to_the_sea_than_taylor_s(sea):
         for waves in (sea.components, fitted_waves(sea, radius))
     )
     assert fitted < 0.7 * taylor
+
+
+def test_jets_hold_at_other_places_than_those_that_they_were_tried_on():
+    """The radius is found on samples; at four times as many other particles the error stays below
+    the tolerance too, to which the samples' own come no nearer than their margin."""
+    sea, tolerance = Sea.jonswap(0.3, 3.0, seed=1), 0.004
+    radius = jet_radius(sea, tolerance, largest=1.0)
+    labels = np.random.default_rng(54).uniform(-1e4, 1e4, (8192, 2))
+    x, y, _ = sea.particles(labels, 0.0).T.copy()
+    jets = jets_at(sea, x, y, fitted_waves(sea, DISC * radius))
+    assert 0.5 * tolerance < jet_error(sea, x, y, jets, (1.0 + SHIFT) * radius) < tolerance
 
 
 def test_patches_are_no_larger_than_the_radius_allowed_and_round():

@@ -24,5 +24,5 @@ head = inline(hydrostatic)
 def solve_heads(x, y, z, waves, water, time, heads_out):
     """Heads (N,) [m] at the points x, y, z: (N,) [m], from one solve each."""
     solve_heights(x, y, waves, time, water[0].tolerance, heads_out)
-    for i in range(x.size):
+    for i in range(x.size):  # until here these are the heights
         heads_out[i] = head(heads_out[i], z[i] - water[0].level)

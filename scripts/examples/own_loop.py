@@ -1,0 +1,24 @@
+"""A loop of one's own: a controller that keeps the bunny in its place, recorded as it goes.
+
+With --view the run is shown in Rerun's viewer at the same time.
+"""
+
+import sys
+from pathlib import Path
+
+import mujoco
+
+from sim import Recorder, Scene, observe
+
+scene = Scene.load(Path(__file__).resolve().parents[2] / "models" / "bunny.xml")
+model, data = scene.model, scene.data
+with Recorder("recordings/own_loop.rrd", scene, view="--view" in sys.argv) as recorder:
+    for frame in range(150):
+        recorder.log(observe(scene))
+        with scene.buoyancy.installed():
+            for _ in range(10):
+                # the water's rows of xfrc_applied are Waterline's; yours is qfrc_applied
+                data.qfrc_applied[:2] = -200.0 * data.qpos[:2] - 100.0 * data.qvel[:2]
+                mujoco.mj_step(model, data)
+        if frame % 30 == 0:
+            print(f"{data.time:.2f} s: {data.qpos[:2].round(3)} m from its place")

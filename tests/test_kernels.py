@@ -1,0 +1,61 @@
+"""Blocks of tables, and the compiled code that is kept."""
+
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from independent import REPOSITORY
+from sim.kernels import kernel, packed, record, table
+
+PAIR = record(name="i8", numbers=("f8", 3))
+SINGLE = record(value="f4")
+
+
+@kernel
+def sums_of(block, sums_out):
+    pairs, singles = table(block, 0, PAIR), table(block, 1, SINGLE)
+    sums_out[:] = 0.0
+    for i in range(pairs.size):
+        sums_out[0] += pairs[i].name * pairs[i].numbers[1]
+    for i in range(singles.size):
+        sums_out[1] += singles[i].value
+
+
+def test_kernels_find_the_tables_of_a_block():
+    pairs = np.array([(2, [0, 0.5, 0]), (3, [0, 1.5, 0])], PAIR)
+    singles = np.array([(0.25,)] * 5, SINGLE)
+    block, sums = packed(pairs, singles), np.empty(2)
+    sums_of(block, sums)
+    np.testing.assert_array_equal(sums, [5.5, 1.25])
+    sums_of(packed(pairs[:0], singles[:1]), sums)
+    np.testing.assert_array_equal(sums, [0.0, 0.25])
+
+
+def test_a_block_is_closed_and_its_tables_begin_at_lines_of_the_cache():
+    block = packed(np.zeros(3, SINGLE), np.zeros(2, PAIR))
+    with pytest.raises(ValueError, match="read-only"):
+        block[0] = 1
+    starts = block[:32].view(np.int64)[::2]
+    assert ((block.ctypes.data + starts) % 64 == 0).all()
+
+
+def test_an_edited_kernel_is_compiled_again_in_those_that_call_it(tmp_path):
+    """They stand in other files, which have not changed."""
+    shutil.copy(REPOSITORY / "sim" / "kernels.py", tmp_path)
+    (tmp_path / "above.py").write_text(
+        "from kernels import kernel\nfrom below import value\n\n\n"
+        "@kernel\ndef twice():\n    return 2 * value()\n"
+    )
+
+    def answer(value: int) -> int:
+        (tmp_path / "below.py").write_text(
+            f"from kernels import kernel\n\n\n@kernel\ndef value():\n    return {value}\n"
+        )
+        code = "from above import twice; print(twice())"
+        run = [sys.executable, "-c", code]
+        return int(subprocess.run(run, cwd=tmp_path, capture_output=True, check=True).stdout)
+
+    assert [answer(21), answer(21), answer(34)] == [42, 42, 68]
