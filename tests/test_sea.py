@@ -199,6 +199,15 @@ def test_far_from_the_origin_and_late_only_the_positions_round_off_is_lost():
     np.testing.assert_allclose(late, sea.elevation(x, 0.0, 0.0), atol=1e-9)
 
 
+def test_where_positions_are_coarser_than_the_residual_points_are_solved_to_round_off():
+    """At 1e10 m a position is right to 2e-6 m, more than what the solver allows as a residual."""
+    sea = three_waves(0.6)
+    eta = sea.elevation(1e10 + np.linspace(0.0, 10.0, 50), -1e10, 0.0)
+    assert np.isfinite(eta).all()
+    assert np.ptp(eta) > 0.5 * sea.amplitude
+    assert np.abs(eta).max() <= sea.amplitude
+
+
 @pytest.mark.parametrize("u", [0.1, 1.0, 3.0, 10.0])
 def test_fitted_waves_are_the_best_cubic_over_a_disc(u):
     """Against a least-squares fit along the wave, places weighted by the disc's width there."""
