@@ -352,6 +352,22 @@ def test_a_force_of_ones_own_moves_the_added_mass_too():
     assert scene.data.qacc[0] == pytest.approx(10.0 / (1.5 * mass), rel=1e-9)
 
 
+def test_water_that_accelerates_takes_a_body_with_added_mass_along():
+    """A ball held deep under a wave and let go: (m + A) a = forces + A times the water's own
+    acceleration."""
+    wave = '<numeric name="wave_a" data="0.4 9 30 50"/>'
+    scene = ball(0.7, BALL_ADDED_MASS + wave)
+    with scene.buoyancy.installed():
+        mujoco.mj_forward(scene.model, scene.data)
+    mass = scene.model.body_mass[1]
+    added = 0.5 * scene.buoyancy.floats[0].method.hull.volume * DENSITY
+    forces = scene.buoyancy.wrenches(scene.data)[0, :3] - [0.0, 0.0, mass * GRAVITY]
+    water = water_at(scene.buoyancy.sea, scene.data.xipos[1], 0.0)[3:]
+    assert np.linalg.norm(added * water) > 0.1 * np.linalg.norm(forces)
+    expected = (forces + added * water) / (mass + added)
+    np.testing.assert_allclose(scene.data.qacc[:3], expected, atol=1e-6 * np.abs(expected).max())
+
+
 def test_a_body_left_alone_comes_to_rest_in_flat_water():
     custom = '<numeric name="drag" data="0.2 1.05 0.0047"/>' + BALL_ADDED_MASS
     scene = Scene.from_model(model(CUBE, ("cube",), custom=custom))

@@ -6,7 +6,7 @@ import pytest
 from scenes import CUBE, WAVES, model
 
 from independent import MODELS
-from sim import DivergenceError, Scene, Tally, simulate
+from sim import DivergenceError, Scene, Tally, observe, simulate
 
 SCENES = ("cube", "bunny", "dragon", "trio")
 
@@ -50,6 +50,16 @@ def test_a_sample_belongs_to_its_own_instant():
     assert sample.elevations[0] == sea.elevation(x, y, sample.time)
     assert sample.tilts[0] == pytest.approx(np.arccos(rotation[8]))
     assert sample.submerged_fractions[0] == pytest.approx(wrench[2] / (1025.0 * 9.81))
+
+
+def test_a_look_in_a_loop_of_ones_own_is_at_the_present_instant():
+    """MuJoCo leaves the kinematics one step behind; who observes need not know."""
+    scene = cube_scene()
+    with scene.buoyancy.installed():
+        mujoco.mj_step(scene.model, scene.data, nstep=50)
+    sample = observe(scene)
+    np.testing.assert_array_equal(sample.positions[0], scene.data.qpos[:3])
+    assert sample.time == pytest.approx(0.25)
 
 
 def test_looking_does_not_change_the_run():

@@ -60,6 +60,15 @@ def test_energy_of_a_sea_is_the_spectrums():
     np.testing.assert_allclose(np.sort(omega), equal_energy_frequencies(PERIOD, 3.3, 40))
 
 
+def test_long_and_short_waves_come_from_all_sides_alike():
+    """Which wave has which heading is drawn: it does not go with the length."""
+    for seed in range(4):
+        waves = Sea.jonswap(HEIGHT, PERIOD, seed=seed).waves
+        order = np.argsort([w.wavelength for w in waves])
+        correlation = np.corrcoef(np.arange(40), np.array([w.heading for w in waves])[order])[0, 1]
+        assert abs(correlation) < 0.5  # of forty that are drawn; one in a thousand is above
+
+
 def test_significant_height_of_a_long_record():
     """Four standard deviations of the elevation over an hour at places far apart; what is
     left is the scatter of a finite record."""

@@ -1,18 +1,21 @@
-"""Coupling: Buoyancy writes the water's wrenches into a model's `xfrc_applied`.
+"""Buoyancy writes the water's wrenches into a model's `xfrc_applied`.
 
-MuJoCo calls `mjcb_passive` inside every `mj_forward`, after kinematics and before
-dynamics: what is written there acts in the same step, and at every stage of RK4. That callback
-is one for the whole process and sees every model, so it is set only inside a `with` block.
+It does so in MuJoCo's passive callback (see `callback`): what is written there acts in the same
+step, and at every stage of RK4.
 """
 
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from threading import Lock
 from time import perf_counter
+from typing import NoReturn
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.coupling import callback
 from sim.coupling.mjcf import FloatingGeom, is_free, read_model
 from sim.coupling.primitives import frame_rotation
 from sim.methods import Batch, Place
@@ -20,6 +23,13 @@ from sim.resistance.implicit import Resistance, ResistedBody
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
+
+MADE_FROM = (
+    "numeric_data", "text_data", "tuple_objid", "geom_bodyid", "geom_type", "geom_dataid",
+    "geom_size", "geom_pos", "geom_quat", "mesh_vert", "mesh_face",
+    "body_ipos", "body_iquat", "body_mass", "body_inertia",
+)  # fmt: skip
+"""Fields of a model that a Buoyancy is made from."""
 
 
 def _update_velocities(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -35,8 +45,9 @@ class Buoyancy:
         with buoyancy.installed():
             mujoco.mj_step(model, data)
 
-    or, without the callback, `buoyancy.apply(model, data)` before each step (the same to the
-    bit, except under RK4, whose inner stages only the callback sees).
+    An environment that keeps it for good calls `install()` and `uninstall()` instead of the block.
+    Without the callback, `buoyancy.apply(model, data)` before each step does the same, to the bit
+    (except under RK4, whose inner stages only the callback sees).
 
     The rows of `xfrc_applied` that belong to `bodies` are overwritten each time; to push such a
     body yourself use `qfrc_applied`. All other rows are left alone. Geoms' frames are read
@@ -44,6 +55,9 @@ class Buoyancy:
 
     threads: how many, with the caller's own, share the hulls whose method is patches. The result is
     the same to the bit; it pays for many hulls, not for a few. The helpers end with the object.
+
+    No state is kept between calls, so any number of threads, states and copies of the model may use
+    it at once.
 
     sea: what they float in; floats: the hulls; bodies: (B,) ids of their bodies, each once;
     float_bodies: (H,) for each hull its place in `bodies`; calls, seconds: how often
@@ -67,6 +81,8 @@ class Buoyancy:
         self._rows = np.array([f.body for f in self.floats])
         self.calls = 0
         self.seconds = 0.0
+        self._counting = Lock()
+        self._compared: dict[int, tuple[mujoco.MjModel, bool]] = {}
         self._batches = _batches(self.floats, _whole(threads))
         self._resisted = [
             _resisted_body(model, int(body), self.floats)
@@ -113,33 +129,35 @@ class Buoyancy:
         if self._resistance is not None:
             _update_velocities(model, data)
             mujoco.mj_passive(model, data)
-        self._write(data)
+        self.write(data)
 
     @contextmanager
     def installed(self) -> Iterator["Buoyancy"]:
-        """Be MuJoCo's passive callback inside a `with` block.
+        """Be part of MuJoCo's passive callback inside a `with` block.
 
-        What was installed before is called first, so blocks nest, and is restored in any case.
-        The rows written are set to zero at the end. Compile models outside: MuJoCo's compiler
-        calls back too and fails with a Python callback set.
+        What was installed before is still called, and blocks may overlap in any order and any
+        threads. The rows written are set to zero at the end, in any case; so a loop that steps by
+        mj_step2 and then mj_step1, which uses the forces of the last time, needs `install()` or
+        one block around all of it. Compile models outside: MuJoCo's compiler calls back too and
+        fails with a Python callback set. Warns when no state of the model was seen.
         """
-        previous = mujoco.get_mjcb_passive()
-        written: dict[int, mujoco.MjData] = {}
-
-        def callback(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-            if previous is not None:
-                previous(model, data)
-            if model is self.model:
-                written[id(data)] = data
-                self._write(data)
-
-        mujoco.set_mjcb_passive(callback)
+        block = _Block(self)
+        callback.install(block)
         try:
             yield self
+            block.warn_if_nothing_was_seen()
         finally:
-            mujoco.set_mjcb_passive(previous)
-            for data in written.values():
-                data.xfrc_applied[self.bodies] = 0.0
+            callback.uninstall(block)
+            block.clear()
+
+    def install(self) -> None:
+        """Be part of MuJoCo's passive callback until `uninstall()`, as often as that is called; the
+        rows that were written last stay."""
+        callback.install(self)
+
+    def uninstall(self) -> None:
+        """Undo one `install()`. Raises ValueError when there was none."""
+        callback.uninstall(self)
 
     def wrenches(self, data: mujoco.MjData) -> Array:
         """Wrench of every hull, (H, 6) [N, N m], world axes, torque about its body's centre of
@@ -172,7 +190,8 @@ class Buoyancy:
             data.qfrc_applied, data.qfrc_passive, option.timestep, data.time, buoyancy, rows,
         )  # fmt: skip
 
-    def _write(self, data: mujoco.MjData) -> None:
+    def write(self, data: mujoco.MjData) -> None:
+        """Write the wrenches for the kinematics as they stand in `data`: what the callback does."""
         started = perf_counter()
         rows, wrenches = data.xfrc_applied, self.wrenches(data)
         if len(self.bodies) == len(self.floats):
@@ -182,8 +201,62 @@ class Buoyancy:
             np.add.at(rows, self._rows, wrenches)
         if self._resistance is not None:
             self._add_resistance(data, wrenches, rows)
-        self.calls += 1
-        self.seconds += perf_counter() - started
+        with self._counting:
+            self.calls += 1
+            self.seconds += perf_counter() - started
+
+    def note(self, data: mujoco.MjData) -> None:
+        """Nothing: somebody else writes into this state."""
+
+    def is_copy(self, model: mujoco.MjModel) -> bool:
+        """Whether a model is a copy of the one this was made for, in all that it was made from."""
+        if model.signature != self.model.signature:  # which only the structure decides
+            return False
+        if id(model) not in self._compared:
+            alike = all(
+                np.array_equal(getattr(model, name), getattr(self.model, name))
+                for name in MADE_FROM
+            )
+            alike &= np.array_equal(model.opt.gravity, self.model.opt.gravity)
+            self._compared[id(model)] = model, alike  # kept alive, or another might have its id
+        return self._compared[id(model)][1]
+
+    def __getstate__(self) -> NoReturn:
+        raise TypeError(
+            "a Buoyancy belongs to its model in this process; pickle the model (or its file) and "
+            "make a new one there with Buoyancy.from_model(model)"
+        )
+
+
+class _Block:
+    """A Buoyancy inside a `with` block: it knows the states that it has written into."""
+
+    def __init__(self, buoyancy: Buoyancy) -> None:
+        self.model, self._buoyancy = buoyancy.model, buoyancy
+        self._written: dict[int, mujoco.MjData] = {}
+
+    def write(self, data: mujoco.MjData) -> None:
+        self.note(data)
+        self._buoyancy.write(data)
+
+    def note(self, data: mujoco.MjData) -> None:
+        self._written[id(data)] = data
+
+    def is_copy(self, model: mujoco.MjModel) -> bool:
+        return self._buoyancy.is_copy(model)
+
+    def warn_if_nothing_was_seen(self) -> None:
+        if not self._written:
+            warnings.warn(
+                "a block of Buoyancy.installed() ended and no state of its model was stepped in "
+                "it; if another model was, make a Buoyancy for that one",
+                stacklevel=4,
+            )
+
+    def clear(self) -> None:
+        """Set the rows that were written to zero."""
+        for data in self._written.values():
+            data.xfrc_applied[self._buoyancy.bodies] = 0.0
 
 
 def _whole(threads: float) -> int:

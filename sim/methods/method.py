@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from os import getpid
+from threading import Lock
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -165,6 +166,7 @@ class Shared(Batch):
         self._helpers = min(threads, len(parts)) - 1
         self._pool: ThreadPoolExecutor | None = None
         self._process = -1
+        self._making = Lock()
 
     def write_wrenches(
         self, positions: Array, rotations: Array, time: float, wrenches_out: Array
@@ -186,7 +188,8 @@ class Shared(Batch):
 
     def _executor(self) -> ThreadPoolExecutor:
         """The helpers: in a forked process none of its parent's are alive."""
-        if self._process != getpid():
-            self._process = getpid()
-            self._pool = ThreadPoolExecutor(self._helpers, thread_name_prefix="waterline")
-        return self._pool
+        with self._making:
+            if self._process != getpid():
+                self._process = getpid()
+                self._pool = ThreadPoolExecutor(self._helpers, thread_name_prefix="waterline")
+            return self._pool

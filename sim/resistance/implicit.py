@@ -95,7 +95,7 @@ class Resistance:
         self._block = packed(
             _body_table(bodies), np.array(rows, HULL), surfaces, sea.components, sea.water
         )
-        self._drags = np.empty((len(bodies), 6))
+        self._count = len(bodies)
 
     def add_resistance(
         self,
@@ -113,8 +113,8 @@ class Resistance:
     ) -> Array:
         """Turn the buoyancy in the bodies' rows of wrenches (., 6) into the whole wrench of the
         water: such that a free body accelerates as the linearly implicit step says. Returns the
-        drag as such, without added mass: (B, 6) in the order of the bodies, overwritten by the next
-        call. Both [N, N m], about the centres of mass, world axes.
+        drag as such, without added mass: (B, 6) in the order of the bodies. Both [N, N m], about
+        the centres of mass, world axes.
 
         positions (., 3) [m], rotations (., 9): inertial frames of all bodies; velocities (., 6):
         angular, then linear at the body's reference point, references (., 3) [m]; gravity (3,);
@@ -122,11 +122,12 @@ class Resistance:
         of a free joint being a force in world axes and a torque in the joint's own; timestep,
         time [s]; buoyancy (., 6): the wrenches of all hulls.
         """
+        drags = np.empty((self._count, 6))
         implicit_wrenches(
             self._block, positions, rotations, velocities, references, gravity, applied, passive,
-            timestep, time, buoyancy, wrenches, self._drags,
+            timestep, time, buoyancy, wrenches, drags,
         )  # fmt: skip
-        return self._drags
+        return drags
 
 
 def _body_table(bodies: Sequence[ResistedBody]) -> NDArray[np.void]:
