@@ -2,6 +2,7 @@
 
 Everything that computes with a hull may rely on what is refused here: no holes, no edge
 with more than two faces, one consistent winding, a volume. It knows neither water nor MuJoCo.
+(The checks are our own, because trimesh's say whether something is wrong, not how much of what.)
 """
 
 import warnings

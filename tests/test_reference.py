@@ -17,7 +17,6 @@ from independent import (
     three_waves,
 )
 from sim import Hull, Linear, Reference, Sea, Wave
-from sim.methods import reference
 
 BARGE = trimesh.creation.box(extents=[2.0, 1.0, 1.2])
 
@@ -78,24 +77,28 @@ def test_error_keeps_below_the_tolerance(name):
             assert relative_error(found, truth, hull) < tolerance
 
 
-def test_error_falls_with_the_third_power_of_the_work(monkeypatch):
-    """Work is the number of pieces halved along the waterline: one over their size."""
-    hull, sea = Hull.from_trimesh(BARGE), three_waves(0.3)
+class CountedSea(Sea):
+    """Counts the heads that it is asked for."""
+
+    def head(self, x, y, z, time):
+        HEADS.append(np.size(x))
+        return super().head(x, y, z, time)
+
+
+HEADS: list[int] = []
+
+
+def test_error_falls_with_the_third_power_of_the_work():
+    """Work is the number of heads, most of them along the waterline: one over the pieces' size."""
+    hull, sea = Hull.from_trimesh(BARGE), CountedSea(three_waves(0.3).waves)
     poses = random_poses(3, seed=22)
     truths = [Reference(hull, sea, 1e-12).wrench(*pose) for pose in poses]
-    halved, pieces = reference._halved, []
-
-    def counting(water, corners, heads):
-        pieces.append(len(corners))
-        return halved(water, corners, heads)
-
-    monkeypatch.setattr(reference, "_halved", counting)
     errors, work = [], []
     for tolerance in (1e-6, 1e-10):
-        pieces.clear()
+        HEADS.clear()
         found = [Reference(hull, sea, tolerance).wrench(*pose) for pose in poses]
         errors.append(mean_error(found, truths, hull))
-        work.append(sum(pieces))
+        work.append(sum(HEADS))
     slope = np.log(errors[0] / errors[1]) / np.log(work[1] / work[0])
     assert 2.5 < slope < 3.9, (errors, work)
 
@@ -144,7 +147,7 @@ def test_refuses_a_tolerance_that_cannot_be(tolerance):
         Reference(Hull.from_trimesh(BARGE), Sea(), tolerance)
 
 
-def test_says_so_when_the_tolerance_is_out_of_reach(monkeypatch):
-    monkeypatch.setattr("sim.methods.reference.MAX_LEVELS", 3)
+def test_says_so_when_the_tolerance_is_out_of_reach():
+    method = Reference(Hull.from_trimesh(BARGE), three_waves(), halvings=3)
     with pytest.raises(RuntimeError, match=r"did not converge to 1e-09 .* 3 halvings"):
-        Reference(Hull.from_trimesh(BARGE), three_waves()).wrench([0, 0, 0], np.eye(3), 0.0)
+        method.wrench([0, 0, 0], np.eye(3), 0.0)

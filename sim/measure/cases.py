@@ -147,10 +147,6 @@ def grid_cube(side: float, splits: list[float]) -> str:
     return mesh(unique, np.ravel(index)[np.array(faces)])
 
 
-WAVES = (
-    '<numeric name="wave_a" data="0.10 4 0 0"/><numeric name="wave_b" data="0.06 2.4 55 40"/>'
-    '<numeric name="wave_c" data="0.03 1.4 -65 110"/>'
-)
 STEEP = (
     '<numeric name="wave_a" data="0.35 4 0 0"/><numeric name="wave_b" data="0.1 2.4 55 40"/>'
     '<numeric name="wave_c" data="0.0309 1.4 -65 110"/>'

@@ -24,7 +24,6 @@ from sim.kernels import kernel, record
 from sim.methods.linear import (
     Linear,
     heads_at_vertices,
-    is_above_crests,
     odd_corner_first,
     unpacked,
     wet_sums,
@@ -160,8 +159,6 @@ def chord_wrenches(block, places, positions, rotations, time, wrenches_out):
         position, rotation = positions[places[i].pose], rotations[places[i].pose]
         wrench = wrenches_out[places[i].row]
         wrench[:] = 0.0
-        if is_above_crests(surface.shape, water, position, rotation):
-            continue
         wet = heads_at_vertices(surface, waves, water, position, rotation, time, heads)
         if wet > 0:
             wet_sums(surface, heads, wet, sums)

@@ -110,13 +110,25 @@ def unpacked(block):
     return surface, table(block, 3, WAVE), table(block, 4, WATER)
 
 
+@inline
+def is_above_crests(shape, water, position, rotation):
+    """Whether no point of the hull's box, turned into the world, is below the highest crest."""
+    height = position[2]
+    for j in range(3):
+        height += min(rotation[6 + j] * shape[0].low[j], rotation[6 + j] * shape[0].high[j])
+    return height > water[0].level + water[0].amplitude
+
+
 @kernel
 def heads_at_vertices(surface, waves, water, position, rotation, time, heads_out):
-    """Heads (V,) [m] of the vertices; returns how many of them are wet.
+    """Heads (V,) [m] of the vertices; returns how many of them are wet, 0 at once for a hull above
+    the highest crest.
 
     A vertex higher above the highest crest than an edge is long touches no triangle that the water
     could: it gets the head below that crest and no elevation is solved.
     """
+    if is_above_crests(surface.shape, water, position, rotation):
+        return 0
     count, crest = surface.vertices.size, water[0].level + water[0].amplitude
     reach = surface.shape[0].reach
     x, y, z, heads = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
@@ -188,15 +200,6 @@ def wet_sums(surface, heads, wet, sums_out):
 
 
 @inline
-def is_above_crests(shape, water, position, rotation):
-    """Whether no point of the hull's box, turned into the world, is below the highest crest."""
-    height = position[2]
-    for j in range(3):
-        height += min(rotation[6 + j] * shape[0].low[j], rotation[6 + j] * shape[0].high[j])
-    return height > water[0].level + water[0].amplitude
-
-
-@inline
 def write_turned(sums, rotation, scale, wrench_out):
     """Sums (6,) in the body frame as a wrench (6,) in world axes, scaled; rotation: (9,)."""
     for i in range(3):
@@ -216,8 +219,6 @@ def linear_wrenches(block, places, positions, rotations, time, wrenches_out):
         position, rotation = positions[places[i].pose], rotations[places[i].pose]
         wrench = wrenches_out[places[i].row]
         wrench[:] = 0.0
-        if is_above_crests(surface.shape, water, position, rotation):
-            continue
         wet = heads_at_vertices(surface, waves, water, position, rotation, time, heads)
         if wet > 0:
             wet_sums(surface, heads, wet, sums)

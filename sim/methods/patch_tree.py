@@ -17,8 +17,16 @@ from numpy.typing import NDArray
 
 from sim.geometry import area_vectors, sides, split_triangles
 from sim.hull import Hull
-from sim.kernels import record
+from sim.kernels import inline, record
 from sim.methods.linear import corner_shares
+from sim.methods.polynomial import (
+    BENDING,
+    LINEAR,
+    MONOMIALS,
+    QUADRATICS,
+    local_quadratic,
+    monomials,
+)
 from sim.triangle import gauss_rule
 
 Array = NDArray[np.float64]
@@ -46,16 +54,6 @@ TINY = 1e-300
 
 MAX_TRIANGLES = 2_000_000
 """Splitting stops here: such a tree takes some gigabytes."""
-
-LINEAR, BENDING = 4, 16
-"""Monomials: 1, x, y, z, and xx, xy, xz, yy, yz, zz, xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz,
-zzz. The second group only counts in waves, where it is small, so its moments are kept in single
-precision: a step waits for memory more than for anything else."""
-
-MONOMIALS = LINEAR + BENDING
-
-QUADRATICS = 8
-"""The six quadratic coefficients and two zeros, which make them a vector."""
 
 CORNER_BITS = 5
 """Bits for a corner in a triangle's code (see `triangle_codes`)."""
@@ -109,6 +107,28 @@ def triangle_codes(corners: Integers) -> Integers:
     return bits
 
 
+@inline
+def corner(code, i):
+    """Corner number i of a triangle's code, 0 to 4: of a, b, c, a, b."""
+    return code >> i * CORNER_BITS & CORNER
+
+
+@inline
+def corner_set(code):
+    """The corners of a triangle's code as bits."""
+    return code >> CORNER_SET
+
+
+@inline
+def odd_corner_first(code, heads, n):
+    """The code of a triangle that the water cuts, turned so that the only wet or the only dry
+    corner comes first; heads of its leaf's vertices in row n."""
+    wet_a = heads[n, corner(code, 0)] > 0.0
+    wet_b = heads[n, corner(code, 1)] > 0.0
+    wet_c = heads[n, corner(code, 2)] > 0.0
+    return code >> CORNER_BITS * ((wet_b != wet_c) * (1 + (wet_a != wet_c)))
+
+
 def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
     """Cut a hull into patches of at most a radius [m], its triangles split until no edge is longer
     than `edge` [m] or the radius. Raises ValueError when that makes too many triangles."""
@@ -125,15 +145,6 @@ def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
     return _Builder(corners, radius).tree()
 
 
-def monomials(d: Array) -> Array:
-    """The monomials (..., MONOMIALS) at places (..., 3)."""
-    x, y, z = np.moveaxis(d, -1, 0)
-    xx, yy, zz = x * x, y * y, z * z
-    second = xx, x * y, x * z, yy, y * z, zz
-    third = x * xx, y * xx, z * xx, x * yy, x * y * z, x * zz, y * yy, z * yy, y * zz, z * zz
-    return np.stack([np.ones_like(x), x, y, z, *second, *third], axis=-1)
-
-
 def triangle_moments(corners: Array, area_vectors: Array, centres: Array) -> Array:
     """Moments (N, 6, MONOMIALS) of triangles (N, 3, 3), places d taken from centres (N, 3)."""
     points, weights = gauss_rule(3)  # exact to degree 4: what the torque of a cubic needs
@@ -143,21 +154,6 @@ def triangle_moments(corners: Array, area_vectors: Array, centres: Array) -> Arr
         wrench = np.hstack([area_vectors, np.cross(place, area_vectors)])
         moments += weight * wrench[:, :, None] * monomials(place - centres)[:, None, :]
     return moments
-
-
-def local_quadratic(x: float, y: float, z: float) -> Array:
-    """Matrix (6, BENDING) that takes a polynomial's bending coefficients to the quadratic ones of
-    the same polynomial around the place x, y, z."""
-    return np.array(
-        [
-            [1, 0, 0, 0, 0, 0, 3 * x, y, z, 0, 0, 0, 0, 0, 0, 0],
-            [0, 1, 0, 0, 0, 0, 0, 2 * x, 0, 2 * y, z, 0, 0, 0, 0, 0],
-            [0, 0, 1, 0, 0, 0, 0, 0, 2 * x, 0, y, 2 * z, 0, 0, 0, 0],
-            [0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, 3 * y, z, 0, 0],
-            [0, 0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, 2 * y, 2 * z, 0],
-            [0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, y, 3 * z],
-        ]
-    )
 
 
 def enclosing_ball(corners: Array, sizes: Array) -> tuple[Array, float]:

@@ -41,29 +41,35 @@ from sim.kernels import inline, kernel, packed, read_only, record, summing_kerne
 from sim.methods.linear import write_turned
 from sim.methods.method import Compiled, Kernel, Part, Place, Settings, expect_at_most
 from sim.methods.patch_tree import (
-    BENDING,
-    CORNER,
-    CORNER_BITS,
-    CORNER_SET,
     LEAF,
     LEAF_TRIANGLES,
     LEAF_VERTICES,
-    LINEAR,
     MOMENTS,
-    MONOMIALS,
     NODE,
     PATCH,
-    QUADRATICS,
     PatchTree,
     build_tree,
+    corner,
+    corner_set,
     enclosing_ball,
     joined,
+    odd_corner_first,
+)
+from sim.methods.polynomial import (
+    BENDING,
+    LINEAR,
+    MONOMIALS,
+    POLYNOMIAL,
+    QUADRATICS,
+    bend_at,
+    five,
+    head_and_slope,
+    head_polynomials,
     monomials,
 )
 from sim.triangle import clip_dry_part
 from sim.water.fit import DISC, SAFETY, SHIFT, fitted_waves, jet_radius, longest_edge, newton_steps
 from sim.water.gerstner import WATER, WAVE
-from sim.water.head import head
 from sim.water.jets import JET, solve_jets
 from sim.water.sea import Sea
 
@@ -83,10 +89,6 @@ SOLVE = record(steps="i8", residual="f8", waves="i8")
 
 CHOSEN = record(patch="i8", instance="i8", pose="i8")
 """A patch that the water could reach, of an instance with a pose."""
-
-POLYNOMIAL = record(c=("f8", MONOMIALS), bound_2="f8", bound_3="f8", fills_lines=("f8", 2))
-"""Coefficients of a head in the body frame around a patch's centre, and bounds on its second and
-third order terms over the second and third power of the distance."""
 
 FOUND = record(node="i8", chosen="i8")
 """What a walk finds: a wet node, or the leaf of an opened one, and whose patch it is."""
@@ -250,68 +252,6 @@ def end_of_tree(start, chosen, instances):
     return end
 
 
-@inline
-def squared(x, y, z):
-    """Coefficients of xx, xy, xz, yy, yz, zz in the square of a linear form."""
-    return x * x, 2.0 * x * y, 2.0 * x * z, y * y, 2.0 * y * z, z * z
-
-
-@kernel
-def head_polynomials(jets, above, chosen, rotations, polynomials_out):
-    """Polynomials (N,) of the heads around the chosen patches' centres, so far above the level [m],
-    from their jets; rotations (P, 9): body -> world, for each pose."""
-    for i in range(above.size):
-        jet, r, q = jets[i], rotations[chosen[i].pose], polynomials_out[i].c
-        gx, gy = jet.z_x, jet.z_y
-        # the horizontal coordinates are the linear forms a . d and b . d
-        ax, ay, az, bx, by, bz = r[0], r[1], r[2], r[3], r[4], r[5]
-        q[0] = head(jet.z, above[i])
-        q[1] = gx * ax + gy * bx - r[6]
-        q[2] = gx * ay + gy * by - r[7]
-        q[3] = gx * az + gy * bz - r[8]
-        axx, axy, axz, ayy, ayz, azz = squared(ax, ay, az)
-        bxx, bxy, bxz, byy, byz, bzz = squared(bx, by, bz)
-        xx, xy, yy = 0.5 * jet.z_xx, jet.z_xy, 0.5 * jet.z_yy
-        q[4] = xx * axx + yy * bxx + xy * ax * bx
-        q[5] = xx * axy + yy * bxy + xy * (ax * by + ay * bx)
-        q[6] = xx * axz + yy * bxz + xy * (ax * bz + az * bx)
-        q[7] = xx * ayy + yy * byy + xy * ay * by
-        q[8] = xx * ayz + yy * byz + xy * (ay * bz + az * by)
-        q[9] = xx * azz + yy * bzz + xy * az * bz
-        # the cubic is (a . d)^2 (u . d) + (b . d)^2 (v . d)
-        xxx, xxy = jet.z_xxx / 6.0, 0.5 * jet.z_xxy
-        xyy, yyy = 0.5 * jet.z_xyy, jet.z_yyy / 6.0
-        ux, uy, uz = xxx * ax + xxy * bx, xxx * ay + xxy * by, xxx * az + xxy * bz
-        vx, vy, vz = xyy * ax + yyy * bx, xyy * ay + yyy * by, xyy * az + yyy * bz
-        q[10] = axx * ux + bxx * vx
-        q[11] = axx * uy + axy * ux + bxx * vy + bxy * vx
-        q[12] = axx * uz + axz * ux + bxx * vz + bxz * vx
-        q[13] = ayy * ux + axy * uy + byy * vx + bxy * vy
-        q[14] = axy * uz + axz * uy + ayz * ux + bxy * vz + bxz * vy + byz * vx
-        q[15] = azz * ux + axz * uz + bzz * vx + bxz * vz
-        q[16] = ayy * uy + byy * vy
-        q[17] = ayy * uz + ayz * uy + byy * vz + byz * vy
-        q[18] = ayz * uz + azz * uy + byz * vz + bzz * vy
-        q[19] = azz * uz + bzz * vz
-        polynomials_out[i].bound_2 = np.sqrt(xx * xx + 0.5 * xy * xy + yy * yy)
-        polynomials_out[i].bound_3 = np.sqrt(xxx * xxx + (xxy * xxy + xyy * xyy) / 3.0 + yyy * yyy)
-
-
-@inline
-def head_and_slope(q, x, y, z):
-    """Head at a place and its gradient there."""
-    axx = q[4] + x * q[10] + y * q[11] + z * q[12]
-    axy, axz = q[5] + y * q[13] + z * q[14], q[6] + z * q[15]
-    ayy, ayz, azz = q[7] + y * q[16] + z * q[17], q[8] + z * q[18], q[9] + z * q[19]
-    dx, dy, dz = x * axx + y * axy + z * axz, y * ayy + z * ayz, z * azz
-    head = q[0] + x * (q[1] + dx) + y * (q[2] + dy) + z * (q[3] + dz)
-    gx = q[1] + dx + x * (axx + x * q[10])
-    gy = q[2] + dy + x * (axy + x * q[11] + y * q[13]) + y * (ayy + y * q[16])
-    gz = q[3] + dz + x * (axz + x * q[12] + y * q[14] + z * q[15])
-    gz += y * (ayz + y * q[17] + z * q[18]) + z * (azz + z * q[19])
-    return head, gx, gy, gz
-
-
 @kernel
 def walk(tree, chosen, polynomials, wet_out, opened_out):
     """Walk the trees of the chosen patches: the surely wet nodes, and the leaves that the waterline
@@ -377,24 +317,6 @@ def add_wet_nodes(wet, moments, chosen, polynomials, sums_out):
         factors, at = polynomials[i].c, chosen[i].instance
         add_products(factors, 0, LINEAR, m.linear, sums_out, at)
         add_products(factors, LINEAR, BENDING, m.bending, sums_out, at)
-
-
-@inline
-def bend_at(c, leaf, factor, bend_out):
-    """The six quadratic coefficients of a polynomial around a leaf's middle, times a factor."""
-    x, y, z = leaf.middle_x, leaf.middle_y, leaf.middle_z
-    bend_out[0] = factor * (c[4] + 3.0 * x * c[10] + y * c[11] + z * c[12])
-    bend_out[1] = factor * (c[5] + 2.0 * x * c[11] + 2.0 * y * c[13] + z * c[14])
-    bend_out[2] = factor * (c[6] + 2.0 * x * c[12] + y * c[14] + 2.0 * z * c[15])
-    bend_out[3] = factor * (c[7] + x * c[13] + 3.0 * y * c[16] + z * c[17])
-    bend_out[4] = factor * (c[8] + x * c[14] + 2.0 * y * c[17] + 2.0 * z * c[18])
-    bend_out[5] = factor * (c[9] + x * c[15] + y * c[18] + 3.0 * z * c[19])
-
-
-@inline
-def five(c, j):
-    """Five coefficients from number j on."""
-    return c[j], c[j + 1], c[j + 2], c[j + 3], c[j + 4]
 
 
 @inline
@@ -466,7 +388,7 @@ def add_opened_leaves(opened, leaves, chosen, polynomials, heads_out, cut_out, s
         for t in range(LEAF_TRIANGLES):
             code = leaf.triangles[t]
             cut_out[count].code, cut_out[count].opened = code, n
-            corners = code >> CORNER_SET
+            corners = corner_set(code)
             count += (wet & corners != 0) & (wet & corners != corners)
     return count
 
@@ -479,12 +401,8 @@ def subtract_dry_parts(cut, opened, heads, tree, chosen, sums_out):
         code, at = cut[n].code, cut[n].opened
         leaf, i = tree.leaves[opened[at].node], opened[at].chosen
         patch = tree.patches[chosen[i].patch]
-        wet_a = heads[at, code & CORNER] > 0.0
-        wet_b = heads[at, code >> CORNER_BITS & CORNER] > 0.0
-        wet_c = heads[at, code >> 2 * CORNER_BITS & CORNER] > 0.0
-        # turned so that the only wet or the only dry corner comes first
-        code >>= CORNER_BITS * ((wet_b != wet_c) * (1 + (wet_a != wet_c)))
-        a, b, c = code & CORNER, code >> CORNER_BITS & CORNER, code >> 2 * CORNER_BITS & CORNER
+        code = odd_corner_first(code, heads, at)
+        a, b, c = corner(code, 0), corner(code, 1), corner(code, 2)
         ax, ay, az = leaf.x[a], leaf.y[a], leaf.z[a]
         bx, by, bz = leaf.x[b], leaf.y[b], leaf.z[b]
         cx, cy, cz = leaf.x[c], leaf.y[c], leaf.z[c]

@@ -37,15 +37,18 @@ class Reference(Method):
     """Wrench of a hull in a sea, converged to `tolerance`, relative to density * gravity * volume
     (force; for the torque times the hull's largest distance from its frame's origin).
 
-    Slow: thousands to millions of elevations a call. Raises RuntimeError when the tolerance
-    is out of reach of double precision.
+    Slow: thousands to millions of heads a call. Raises RuntimeError when so many halvings of the
+    triangles do not reach the tolerance.
     """
 
-    def __init__(self, hull: Hull, sea: Sea, tolerance: float = 1e-9) -> None:
+    def __init__(
+        self, hull: Hull, sea: Sea, tolerance: float = 1e-9, halvings: int = MAX_LEVELS
+    ) -> None:
         if not (np.isfinite(tolerance) and tolerance > 0):
             raise ValueError(f"the tolerance is {tolerance}; it must be finite and above 0")
         super().__init__(hull, sea)
         self.tolerance = float(tolerance)
+        self.halvings = halvings
         self._area = float(np.linalg.norm(hull.area_vectors, axis=1).sum())
 
     @classmethod
@@ -68,7 +71,7 @@ class Reference(Method):
         )  # half for the wet, half for the waterline
         heads = water.heads(corners)
         total = np.zeros(6)
-        for _ in range(MAX_LEVELS):
+        for _ in range(self.halvings):
             sag = self.sea.curvature_bound * 0.5 * _horizontal_radius(corners) ** 2
             wet = heads.min(axis=1) >= sag
             dry = heads.max(axis=1) <= -sag
@@ -86,7 +89,7 @@ class Reference(Method):
             heads = np.concatenate([child_heads, rough_heads])
         raise RuntimeError(
             f"the wrench did not converge to {self.tolerance:g} of density * gravity * volume in "
-            f"{MAX_LEVELS} halvings; ask for a larger tolerance"
+            f"{self.halvings} halvings; ask for a larger tolerance"
         )
 
     def _resolved(self, corners: Array) -> Array:

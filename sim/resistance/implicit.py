@@ -253,7 +253,8 @@ def add_added_mass(fraction, added, rotation, velocity, motion, fluid, matrix):
 @kernel
 def solve_symmetric(matrix, vector):
     """Solve a symmetric positive definite system (6, 6) by Cholesky's method, in place; of the
-    matrix the lower triangle is read. The factor's diagonal is kept as its reciprocals."""
+    matrix the lower triangle is read. The factor's diagonal is kept as its reciprocals. (Our own,
+    because a call of LAPACK costs more than all of this.)"""
     for j in range(6):
         square = matrix[j, j]
         for k in range(j):

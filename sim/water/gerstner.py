@@ -13,7 +13,8 @@ residual r = x - x(alpha) has the symmetric Jacobian -J with
 
 so Newton's step J^-1 r exists everywhere and always points downhill in |r|: halved until
 |r| falls, it converges from any starting point. Plain steps do for almost all points
-and are taken many points at a time; those few that they miss get the safeguard.
+and are taken many points at a time; those few that they miss get the safeguard. (Our own, because
+a library's solver takes one point at a time, by calls back into Python.)
 
 Phases are kept in turns, not radians: the nearest integer is then subtracted without
 error, so a phase is as precise as the double that holds it, far from the origin too.

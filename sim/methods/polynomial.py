@@ -1,0 +1,134 @@
+"""Polynomials: the head over a patch as a cubic in the body frame.
+
+In the body frame the head above a place d from a patch's centre is
+
+    head(d) = h + G . d + d . Q d / 2 + C(d, d, d) / 6,
+
+a sum over twenty monomials. Here they are made from jets, turned, evaluated and moved.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.kernels import inline, kernel, record
+from sim.water.head import head
+
+Array = NDArray[np.float64]
+
+LINEAR, BENDING = 4, 16
+"""Monomials: 1, x, y, z, and xx, xy, xz, yy, yz, zz, xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz,
+zzz. The second group only counts in waves, where it is small, so its moments are kept in single
+precision: a step waits for memory more than for anything else."""
+
+MONOMIALS = LINEAR + BENDING
+
+QUADRATICS = 8
+"""The six quadratic coefficients and two zeros, which make them a vector."""
+
+POLYNOMIAL = record(c=("f8", MONOMIALS), bound_2="f8", bound_3="f8", fills_lines=("f8", 2))
+"""Coefficients of a head in the body frame around a patch's centre, and bounds on its second and
+third order terms over the second and third power of the distance."""
+
+
+def monomials(d: Array) -> Array:
+    """The monomials (..., MONOMIALS) at places (..., 3)."""
+    x, y, z = np.moveaxis(d, -1, 0)
+    xx, yy, zz = x * x, y * y, z * z
+    second = xx, x * y, x * z, yy, y * z, zz
+    third = x * xx, y * xx, z * xx, x * yy, x * y * z, x * zz, y * yy, z * yy, y * zz, z * zz
+    return np.stack([np.ones_like(x), x, y, z, *second, *third], axis=-1)
+
+
+def local_quadratic(x: float, y: float, z: float) -> Array:
+    """Matrix (6, BENDING) that takes a polynomial's bending coefficients to the quadratic ones of
+    the same polynomial around the place x, y, z."""
+    return np.array(
+        [
+            [1, 0, 0, 0, 0, 0, 3 * x, y, z, 0, 0, 0, 0, 0, 0, 0],
+            [0, 1, 0, 0, 0, 0, 0, 2 * x, 0, 2 * y, z, 0, 0, 0, 0, 0],
+            [0, 0, 1, 0, 0, 0, 0, 0, 2 * x, 0, y, 2 * z, 0, 0, 0, 0],
+            [0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, 3 * y, z, 0, 0],
+            [0, 0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, 2 * y, 2 * z, 0],
+            [0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, y, 3 * z],
+        ]
+    )
+
+
+@inline
+def squared(x, y, z):
+    """Coefficients of xx, xy, xz, yy, yz, zz in the square of a linear form."""
+    return x * x, 2.0 * x * y, 2.0 * x * z, y * y, 2.0 * y * z, z * z
+
+
+@kernel
+def head_polynomials(jets, above, chosen, rotations, polynomials_out):
+    """Polynomials (N,) of the heads around the chosen patches' centres, so far above the level [m],
+    from their jets; rotations (P, 9): body -> world, for each pose."""
+    for i in range(above.size):
+        jet, r, q = jets[i], rotations[chosen[i].pose], polynomials_out[i].c
+        gx, gy = jet.z_x, jet.z_y
+        # the horizontal coordinates are the linear forms a . d and b . d
+        ax, ay, az, bx, by, bz = r[0], r[1], r[2], r[3], r[4], r[5]
+        q[0] = head(jet.z, above[i])
+        q[1] = gx * ax + gy * bx - r[6]
+        q[2] = gx * ay + gy * by - r[7]
+        q[3] = gx * az + gy * bz - r[8]
+        axx, axy, axz, ayy, ayz, azz = squared(ax, ay, az)
+        bxx, bxy, bxz, byy, byz, bzz = squared(bx, by, bz)
+        xx, xy, yy = 0.5 * jet.z_xx, jet.z_xy, 0.5 * jet.z_yy
+        q[4] = xx * axx + yy * bxx + xy * ax * bx
+        q[5] = xx * axy + yy * bxy + xy * (ax * by + ay * bx)
+        q[6] = xx * axz + yy * bxz + xy * (ax * bz + az * bx)
+        q[7] = xx * ayy + yy * byy + xy * ay * by
+        q[8] = xx * ayz + yy * byz + xy * (ay * bz + az * by)
+        q[9] = xx * azz + yy * bzz + xy * az * bz
+        # the cubic is (a . d)^2 (u . d) + (b . d)^2 (v . d)
+        xxx, xxy = jet.z_xxx / 6.0, 0.5 * jet.z_xxy
+        xyy, yyy = 0.5 * jet.z_xyy, jet.z_yyy / 6.0
+        ux, uy, uz = xxx * ax + xxy * bx, xxx * ay + xxy * by, xxx * az + xxy * bz
+        vx, vy, vz = xyy * ax + yyy * bx, xyy * ay + yyy * by, xyy * az + yyy * bz
+        q[10] = axx * ux + bxx * vx
+        q[11] = axx * uy + axy * ux + bxx * vy + bxy * vx
+        q[12] = axx * uz + axz * ux + bxx * vz + bxz * vx
+        q[13] = ayy * ux + axy * uy + byy * vx + bxy * vy
+        q[14] = axy * uz + axz * uy + ayz * ux + bxy * vz + bxz * vy + byz * vx
+        q[15] = azz * ux + axz * uz + bzz * vx + bxz * vz
+        q[16] = ayy * uy + byy * vy
+        q[17] = ayy * uz + ayz * uy + byy * vz + byz * vy
+        q[18] = ayz * uz + azz * uy + byz * vz + bzz * vy
+        q[19] = azz * uz + bzz * vz
+        polynomials_out[i].bound_2 = np.sqrt(xx * xx + 0.5 * xy * xy + yy * yy)
+        polynomials_out[i].bound_3 = np.sqrt(xxx * xxx + (xxy * xxy + xyy * xyy) / 3.0 + yyy * yyy)
+
+
+@inline
+def head_and_slope(q, x, y, z):
+    """Head at a place and its gradient there."""
+    axx = q[4] + x * q[10] + y * q[11] + z * q[12]
+    axy, axz = q[5] + y * q[13] + z * q[14], q[6] + z * q[15]
+    ayy, ayz, azz = q[7] + y * q[16] + z * q[17], q[8] + z * q[18], q[9] + z * q[19]
+    dx, dy, dz = x * axx + y * axy + z * axz, y * ayy + z * ayz, z * azz
+    head = q[0] + x * (q[1] + dx) + y * (q[2] + dy) + z * (q[3] + dz)
+    gx = q[1] + dx + x * (axx + x * q[10])
+    gy = q[2] + dy + x * (axy + x * q[11] + y * q[13]) + y * (ayy + y * q[16])
+    gz = q[3] + dz + x * (axz + x * q[12] + y * q[14] + z * q[15])
+    gz += y * (ayz + y * q[17] + z * q[18]) + z * (azz + z * q[19])
+    return head, gx, gy, gz
+
+
+@inline
+def bend_at(c, leaf, factor, bend_out):
+    """The six quadratic coefficients of a polynomial around a leaf's middle, times a factor."""
+    x, y, z = leaf.middle_x, leaf.middle_y, leaf.middle_z
+    bend_out[0] = factor * (c[4] + 3.0 * x * c[10] + y * c[11] + z * c[12])
+    bend_out[1] = factor * (c[5] + 2.0 * x * c[11] + 2.0 * y * c[13] + z * c[14])
+    bend_out[2] = factor * (c[6] + 2.0 * x * c[12] + y * c[14] + 2.0 * z * c[15])
+    bend_out[3] = factor * (c[7] + x * c[13] + 3.0 * y * c[16] + z * c[17])
+    bend_out[4] = factor * (c[8] + x * c[14] + 2.0 * y * c[17] + 2.0 * z * c[18])
+    bend_out[5] = factor * (c[9] + x * c[15] + y * c[18] + 3.0 * z * c[19])
+
+
+@inline
+def five(c, j):
+    """Five coefficients from number j on."""
+    return c[j], c[j + 1], c[j + 2], c[j + 3], c[j + 4]
