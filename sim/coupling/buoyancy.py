@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from threading import Lock
 from time import perf_counter
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import mujoco
 import numpy as np
@@ -72,7 +72,7 @@ class Buoyancy:
         threads: int = 1,
     ) -> None:
         self.model = model
-        self._option = model.opt
+        self._option, self._gravity = model.opt, model.opt.gravity
         self.sea = sea
         self.floats = tuple(floats)
         self.bodies, self.float_bodies = np.unique(
@@ -162,10 +162,7 @@ class Buoyancy:
     def wrenches(self, data: mujoco.MjData) -> Array:
         """Wrench of every hull, (H, 6) [N, N m], world axes, torque about its body's centre of
         mass, for the kinematics as they stand in `data`. Writes nothing."""
-        wrenches = np.empty((len(self.floats), 6))
-        for batch in self._batches:
-            batch.write_wrenches(data.xipos, data.ximat, data.time, wrenches)
-        return wrenches
+        return self._wrenches(State.of(data))
 
     def drag_wrenches(self, data: mujoco.MjData) -> Array:
         """Drag on every body of `bodies`, (B, 6) [N, N m], world axes, torque about its centre
@@ -177,33 +174,46 @@ class Buoyancy:
         mujoco.mj_kinematics(self.model, data)
         _update_velocities(self.model, data)
         places = np.searchsorted(self.bodies, [body.body for body in self._resisted])
-        unused = np.zeros_like(data.xfrc_applied)
-        drags[places] = self._add_resistance(data, self.wrenches(data), unused)
+        state = State.of(data)
+        state = state._replace(rows=np.zeros_like(state.rows))
+        drags[places] = self._add_resistance(state, self._wrenches(state))
         return drags
 
-    def _add_resistance(self, data: mujoco.MjData, buoyancy: Array, rows: Array) -> Array:
-        """Turn the resisted bodies' rows of all bodies' rows (., 6), their buoyancy, into the whole
-        wrench of the water; returns their drag. buoyancy (H, 6): of all hulls."""
-        option = self._option
+    def _wrenches(self, state: "State") -> Array:
+        """Buoyancy (H, 6) of all hulls."""
+        wrenches = np.empty((len(self.floats), 6))
+        time = state.data.time
+        for batch in self._batches:
+            batch.write_wrenches(state.positions, state.rotations, time, wrenches)
+        return wrenches
+
+    def _add_resistance(self, state: "State", buoyancy: Array) -> Array:
+        """Turn the resisted bodies' rows, their buoyancy, into the whole wrench of the water;
+        returns their drag. buoyancy (H, 6): of all hulls."""
+        s = state
         return self._resistance.add_resistance(
-            data.xipos, data.ximat, data.cvel, data.subtree_com, option.gravity,
-            data.qfrc_applied, data.qfrc_passive, option.timestep, data.time, buoyancy, rows,
+            s.positions, s.rotations, s.velocities, s.references, self._gravity, s.applied,
+            s.passive, self._option.timestep, s.data.time, buoyancy, s.rows,
         )  # fmt: skip
 
-    def write(self, data: mujoco.MjData) -> None:
-        """Write the wrenches for the kinematics as they stand in `data`: what the callback does."""
+    def write_into(self, state: "State") -> None:
+        """Write the wrenches for the kinematics as they stand: what the callback does."""
         started = perf_counter()
-        rows, wrenches = data.xfrc_applied, self.wrenches(data)
+        wrenches = self._wrenches(state)
         if len(self.bodies) == len(self.floats):
-            rows[self._rows] = wrenches
+            state.rows[self._rows] = wrenches
         else:
-            rows[self.bodies] = 0.0
-            np.add.at(rows, self._rows, wrenches)
+            state.rows[self.bodies] = 0.0
+            np.add.at(state.rows, self._rows, wrenches)
         if self._resistance is not None:
-            self._add_resistance(data, wrenches, rows)
+            self._add_resistance(state, wrenches)
         with self._counting:
             self.calls += 1
             self.seconds += perf_counter() - started
+
+    def write(self, data: mujoco.MjData) -> None:
+        """`write_into` for a state by itself."""
+        self.write_into(State.of(data))
 
     def note(self, data: mujoco.MjData) -> None:
         """Nothing: somebody else writes into this state."""
@@ -228,19 +238,42 @@ class Buoyancy:
         )
 
 
+class State(NamedTuple):
+    """A state's arrays that the water reads, and the rows (nbody, 6) of `xfrc_applied` that it
+    writes. They are MuJoCo's own; asking for them costs more than using them."""
+
+    data: mujoco.MjData
+    rows: Array
+    positions: Array
+    rotations: Array
+    velocities: Array
+    references: Array
+    applied: Array
+    passive: Array
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> "State":
+        return cls(
+            data, data.xfrc_applied, data.xipos, data.ximat, data.cvel, data.subtree_com,
+            data.qfrc_applied, data.qfrc_passive,
+        )  # fmt: skip
+
+
 class _Block:
     """A Buoyancy inside a `with` block: it knows the states that it has written into."""
 
     def __init__(self, buoyancy: Buoyancy) -> None:
         self.model, self._buoyancy = buoyancy.model, buoyancy
-        self._written: dict[int, mujoco.MjData] = {}
+        self._written: dict[int, State] = {}
 
     def write(self, data: mujoco.MjData) -> None:
-        self.note(data)
-        self._buoyancy.write(data)
+        state = self._written.get(id(data))
+        if state is None:
+            state = self._written[id(data)] = State.of(data)
+        self._buoyancy.write_into(state)
 
     def note(self, data: mujoco.MjData) -> None:
-        self._written[id(data)] = data
+        self._written.setdefault(id(data), State.of(data))
 
     def is_copy(self, model: mujoco.MjModel) -> bool:
         return self._buoyancy.is_copy(model)
@@ -255,8 +288,8 @@ class _Block:
 
     def clear(self) -> None:
         """Set the rows that were written to zero."""
-        for data in self._written.values():
-            data.xfrc_applied[self._buoyancy.bodies] = 0.0
+        for state in self._written.values():
+            state.rows[self._buoyancy.bodies] = 0.0
 
 
 def _whole(threads: float) -> int:

@@ -171,15 +171,16 @@ class Shared(Batch):
     def write_wrenches(
         self, positions: Array, rotations: Array, time: float, wrenches_out: Array
     ) -> None:
+        if self._helpers == 0:
+            for block, places in self._parts:
+                self._kernel(block, places, positions, rotations, time, wrenches_out)
+            return
         left = iter(self._parts)  # gives each part to one thread only
 
         def work() -> None:
             for block, places in left:
                 self._kernel(block, places, positions, rotations, time, wrenches_out)
 
-        if self._helpers == 0:
-            work()
-            return
         helping = [self._executor().submit(work) for _ in range(self._helpers)]
         work()
         for helper in helping:
