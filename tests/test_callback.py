@@ -183,3 +183,38 @@ def test_a_block_in_which_another_model_is_stepped_warns():
 def test_a_buoyancy_says_how_it_is_made_anew_elsewhere():
     with pytest.raises(TypeError, match=r"make a new one there with Buoyancy.from_model\(model\)"):
         pickle.dumps(Buoyancy.from_model(model()))
+
+
+CHANGES = {
+    "geom_size": lambda m: m.geom_size.__setitem__(0, 0.4),
+    "geom_pos": lambda m: m.geom_pos.__setitem__((0, 2), 0.1),
+    "body_ipos": lambda m: m.body_ipos.__setitem__((1, 2), -0.2),
+    "body_mass": lambda m: m.body_mass.__setitem__(1, 100.0),
+    "numeric_data": lambda m: m.numeric_data.__setitem__(0, 500.0),
+    "gravity": lambda m: m.opt.gravity.__setitem__(2, -1.62),
+}
+
+
+@pytest.mark.parametrize("field", CHANGES)
+def test_what_the_hulls_were_made_from_may_not_change_behind_their_back(field):
+    scene = cube()
+    CHANGES[field](scene.model)
+    for enter in (lambda: scene.buoyancy.installed().__enter__(), scene.buoyancy.install):
+        with pytest.raises(ValueError, match=f"the model's {field} changed after this Buoyancy"):
+            enter()
+    assert mujoco.get_mjcb_passive() is None
+    made_anew = Buoyancy.from_model(scene.model)
+    with made_anew.installed():
+        mujoco.mj_step(scene.model, scene.data)
+
+
+def test_what_concerns_no_hull_may_change():
+    """A new mass acts where nothing but MuJoCo takes it; the timestep always."""
+    scene = cube(custom="")
+    scene.model.body_mass[1] = 300.0
+    scene.model.opt.timestep = 0.001
+    mujoco.mj_setConst(scene.model, scene.data)
+    with scene.buoyancy.installed():
+        mujoco.mj_forward(scene.model, scene.data)
+    expected = (1025.0 * 0.5 - 300.0) * 9.81 / 300.0
+    assert scene.data.qacc[2] == pytest.approx(expected, rel=1e-9)

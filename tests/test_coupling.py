@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
-from scenes import CUBE, WAVES, model, xml
+from scenes import CUBE, WAVES, model
 
 from independent import MODELS, ROUND_OFF
 from sim import Buoyancy, Hull, Linear
@@ -221,14 +221,6 @@ def test_bodies_in_a_kinematic_tree():
     mujoco.mj_forward(compiled, data)
     buoyancy.apply(compiled, data)
     assert data.xfrc_applied[2, 2] > compiled.body_mass[2] * 9.81
-
-
-def test_hulls_cannot_see_a_change_of_the_model_behind_their_back():
-    compiled = mujoco.MjModel.from_xml_string(xml())
-    buoyancy, data = Buoyancy.from_model(compiled), started(compiled)
-    compiled.geom_size[0] *= 2.0
-    buoyancy.apply(compiled, data)
-    assert data.xfrc_applied[1, 2] == pytest.approx(WEIGHT)
 
 
 def test_wrenches_reads_without_writing():

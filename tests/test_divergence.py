@@ -1,5 +1,6 @@
 """Divergence: what is noticed, which cause is named, and what is no divergence."""
 
+import mujoco
 import numpy as np
 import pytest
 from scenes import CUBE, WAVES, model
@@ -128,3 +129,44 @@ def test_the_energy_watched_is_conserved_in_flat_water():
     assert energies[0] / weight == pytest.approx(5.0 - 0.5)  # up against the water, down the weight
     assert np.abs(change[clear]).max() < 0.02
     assert np.abs(change).max() < 0.25 * 0.2
+
+
+def test_a_wind_of_ones_own_is_no_divergence():
+    """A force from the user's own passive callback, beyond what waves explain."""
+    scene = Scene.from_model(model(custom=WAVES))
+
+    def wind(compiled, data) -> None:
+        data.qfrc_passive[0] += 1e6
+
+    mujoco.set_mjcb_passive(wind)
+    try:
+        *_, last = simulate(scene, 2.0)
+    finally:
+        mujoco.set_mjcb_passive(None)
+    assert last.positions[0, 0] > 1000.0
+
+
+def test_the_watch_can_be_switched_off():
+    scene = ball(density=0.5, timestep=0.02)
+    *_, last = simulate(scene, 5.0, watch=False)
+    assert last.time == pytest.approx(5.0)
+    with pytest.raises(DivergenceError):
+        list(simulate(ball(density=0.5, timestep=0.02), 60.0))
+
+
+LIGHT = """
+    <body name="ball" pos="0 0 -1" {}><freejoint/>
+      <geom name="ball" type="sphere" size="{}" density="500"/></body>"""
+
+
+@pytest.mark.parametrize(
+    ("body", "option", "message"),
+    [
+        (LIGHT.format('gravcomp="1"', 0.1), "", "gravcomp takes 1 of its weight away"),
+        (LIGHT.format("", 0.1), '<flag gravity="disable"/>', "gravity is switched off by a flag"),
+        (LIGHT.format("", 1500.0), "", "e+03 m long: if its mesh is in other units"),
+    ],
+)
+def test_more_causes_are_named(body, option, message):
+    option = f'<option timestep="0.002">{option}</option>'
+    assert message in broken(Scene.from_model(model(body, ("ball",), option=option)))

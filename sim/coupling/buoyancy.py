@@ -24,12 +24,14 @@ from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
-MADE_FROM = (
+HULLS_MADE_FROM = (
     "numeric_data", "text_data", "tuple_objid", "geom_bodyid", "geom_type", "geom_dataid",
-    "geom_size", "geom_pos", "geom_quat", "mesh_vert", "mesh_face",
-    "body_ipos", "body_iquat", "body_mass", "body_inertia",
+    "geom_size", "geom_pos", "geom_quat", "mesh_vert", "mesh_face", "body_ipos", "body_iquat",
 )  # fmt: skip
-"""Fields of a model that a Buoyancy is made from."""
+"""Fields of a model that seas and hulls are made from."""
+
+RESISTANCE_MADE_FROM = ("body_mass", "body_inertia")
+"""Fields that the implicit step takes besides, for bodies with drag or added mass."""
 
 
 def _update_velocities(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -90,6 +92,9 @@ class Buoyancy:
             if any(f.drag for f in self.floats if f.body == body)
         ]
         self._resistance = Resistance(self._resisted) if self._resisted else None
+        names = HULLS_MADE_FROM + RESISTANCE_MADE_FROM * bool(self._resisted)
+        self._made_from = {name: np.array(getattr(model, name)) for name in names}
+        self._made_from["gravity"] = self._gravity.copy()
 
     @classmethod
     def from_model(
@@ -139,8 +144,10 @@ class Buoyancy:
         threads. The rows written are set to zero at the end, in any case; so a loop that steps by
         mj_step2 and then mj_step1, which uses the forces of the last time, needs `install()` or
         one block around all of it. Compile models outside: MuJoCo's compiler calls back too and
-        fails with a Python callback set. Warns when no state of the model was seen.
+        fails with a Python callback set. Warns when no state of the model was seen. Raises
+        ValueError when what the hulls were made from has been changed in the model since.
         """
+        self._check_unchanged()
         block = _Block(self)
         callback.install(block)
         try:
@@ -152,7 +159,8 @@ class Buoyancy:
 
     def install(self) -> None:
         """Be part of MuJoCo's passive callback until `uninstall()`, as often as that is called; the
-        rows that were written last stay."""
+        rows that were written last stay. Raises ValueError as `installed` does."""
+        self._check_unchanged()
         callback.install(self)
 
     def uninstall(self) -> None:
@@ -223,13 +231,24 @@ class Buoyancy:
         if model.signature != self.model.signature:  # which only the structure decides
             return False
         if id(model) not in self._compared:
-            alike = all(
-                np.array_equal(getattr(model, name), getattr(self.model, name))
-                for name in MADE_FROM
-            )
-            alike &= np.array_equal(model.opt.gravity, self.model.opt.gravity)
+            alike = not self._changes(model)
             self._compared[id(model)] = model, alike  # kept alive, or another might have its id
         return self._compared[id(model)][1]
+
+    def _changes(self, model: mujoco.MjModel) -> list[str]:
+        """Fields of a model that differ from what this was made from."""
+        return [
+            name
+            for name, then in self._made_from.items()
+            if not np.array_equal(getattr(model.opt if name == "gravity" else model, name), then)
+        ]
+
+    def _check_unchanged(self) -> None:
+        if changes := self._changes(self.model):
+            raise ValueError(
+                f"the model's {' and '.join(changes)} changed after this Buoyancy was made, which "
+                "does not follow that; make a new one with Buoyancy.from_model(model)"
+            )
 
     def __getstate__(self) -> NoReturn:
         raise TypeError(

@@ -57,6 +57,12 @@ def uninstall(coupled: Coupled) -> None:
             _previous = None
 
 
+def is_other_set() -> bool:
+    """Whether the user has a passive callback of his own, before ours or alone."""
+    current = mujoco.get_mjcb_passive()
+    return _previous is not None if current is _callback else current is not None
+
+
 def found(model: mujoco.MjModel) -> list[Coupled]:
     """Who is installed for a model, the latest first: for itself, else, if it is a copy, for the
     one that it is a copy of. Raises ValueError for a copy of several."""

@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.coupling import callback
 from sim.coupling.mjcf import FloatingGeom
 from sim.coupling.scene import Scene
 from sim.geometry import areas, cone_centroid, cone_moments, cone_volumes, inertia_of
@@ -34,6 +35,9 @@ STABLE = 2.0
 
 DEEP_CONTACT = 0.01
 """Overlap at the start, as a part of the smaller geom, above which it is named as a cause."""
+
+SMALLEST, LARGEST = 1e-3, 1e3
+"""Lengths [m] of hulls beyond which their units are asked about."""
 
 SAME = 1e-3
 """Relative difference up to which two inertias are the same: meshes are kept as float32."""
@@ -93,7 +97,9 @@ def _is_driven(scene: Scene) -> bool:
     """Whether something may feed energy in that is not accounted for."""
     model, data = scene.model, scene.data
     return bool(
-        model.nu
+        callback.is_other_set()
+        or model.nu
+        or model.neq
         or model.ntendon
         or model.nflex
         or model.nmocap
@@ -157,6 +163,8 @@ def remedy(scene: Scene, start: Array, body: int) -> str:
     start: (nq,) the positions that the run started with.
     """
     found = [
+        _gravity_taken_away(scene, body),
+        _other_units(scene, body),
         _too_long_a_timestep(scene, body),
         _overlap(scene, start, body),
         _legacy_inertia(scene, body),
@@ -169,6 +177,30 @@ def remedy(scene: Scene, start: Array, body: int) -> str:
         f"try a timestep below {scene.model.opt.timestep:g} s, and check the body's mass and "
         "inertia and that the bodies do not overlap at the start"
     )
+
+
+def _gravity_taken_away(scene: Scene, body: int) -> str:
+    """What weighs nothing is thrown out of the water."""
+    model = scene.model
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
+        return "gravity is switched off by a flag, the water's push is not: enable it"
+    if model.body_gravcomp[body] > 0.0:
+        return (
+            f"gravcomp takes {model.body_gravcomp[body]:g} of its weight away and the water pushes "
+            "on: set gravcomp to 0 for what floats"
+        )
+    return ""
+
+
+def _other_units(scene: Scene, body: int) -> str:
+    for f in scene.buoyancy.floats:
+        length = float(np.ptp(f.method.hull.bounds, axis=0).max())
+        if f.body == body and not SMALLEST <= length <= LARGEST:
+            return (
+                f"geom '{f.name}' is {length:.3g} m long: if its mesh is in other units, give the "
+                'asset a scale (millimetres: scale="0.001 0.001 0.001")'
+            )
+    return ""
 
 
 def _too_long_a_timestep(scene: Scene, body: int) -> str:
