@@ -419,6 +419,8 @@ def test_a_killed_run_loses_less_than_a_second(tmp_path, frame_seconds, most_los
 class DeadStream:
     """A recording stream whose writer has died: whoever lets go of it waits for ever."""
 
+    let_go: list[int] = []  # noqa: RUF012
+
     def __init__(self, name: str) -> None:
         self.log = self.send_columns = self.set_sinks = lambda *what, **options: None
         self.set_log_time_enabled = self.set_log_tick_enabled = self.send_recording_name = self.log
@@ -430,10 +432,7 @@ class DeadStream:
         pytest.fail("this waits for the dead writer")
 
     def __del__(self) -> None:
-        LET_GO.append(self)
-
-
-LET_GO: list[DeadStream] = []
+        self.let_go.append(1)
 
 
 def test_nothing_waits_for_a_writer_that_has_died(tmp_path, monkeypatch):
@@ -444,7 +443,7 @@ def test_nothing_waits_for_a_writer_that_has_died(tmp_path, monkeypatch):
     with pytest.raises(OSError, match=r"a\.rrd: the recording cannot be written \(Flush timed out"):
         Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"))
     gc.collect()
-    assert LET_GO == []
+    assert DeadStream.let_go == []
     assert unregistered == [rr.rerun_shutdown]
     assert not (tmp_path / "a.rrd").exists()  # nothing had been written
 
