@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from threading import Lock
 from time import perf_counter
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import mujoco
 import numpy as np
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 HULLS_MADE_FROM = (
     "numeric_data", "text_data", "tuple_objid", "geom_bodyid", "geom_type", "geom_dataid",
     "geom_size", "geom_pos", "geom_quat", "mesh_vert", "mesh_face", "body_ipos", "body_iquat",
+    "gravity",
 )  # fmt: skip
 """Fields of a model that seas and hulls are made from."""
 
@@ -93,8 +94,9 @@ class Buoyancy:
         ]
         self._resistance = Resistance(self._resisted) if self._resisted else None
         names = HULLS_MADE_FROM + RESISTANCE_MADE_FROM * bool(self._resisted)
-        self._made_from = {name: np.array(getattr(model, name)) for name in names}
-        self._made_from["gravity"] = self._gravity.copy()
+        self._made_from = {
+            name: (_field(model, name), bytes(_field(model, name))) for name in names
+        }
 
     @classmethod
     def from_model(
@@ -231,22 +233,17 @@ class Buoyancy:
         if model.signature != self.model.signature:  # which only the structure decides
             return False
         if id(model) not in self._compared:
-            alike = not self._changes(model)
+            alike = all(
+                bytes(_field(model, name)) == then for name, (_, then) in self._made_from.items()
+            )
             self._compared[id(model)] = model, alike  # kept alive, or another might have its id
         return self._compared[id(model)][1]
 
-    def _changes(self, model: mujoco.MjModel) -> list[str]:
-        """Fields of a model that differ from what this was made from."""
-        return [
-            name
-            for name, then in self._made_from.items()
-            if not np.array_equal(getattr(model.opt if name == "gravity" else model, name), then)
-        ]
-
     def _check_unchanged(self) -> None:
-        if changes := self._changes(self.model):
+        changed = [name for name, (now, then) in self._made_from.items() if bytes(now) != then]
+        if changed:
             raise ValueError(
-                f"the model's {' and '.join(changes)} changed after this Buoyancy was made, which "
+                f"the model's {' and '.join(changed)} changed after this Buoyancy was made, which "
                 "does not follow that; make a new one with Buoyancy.from_model(model)"
             )
 
@@ -309,6 +306,11 @@ class _Block:
         """Set the rows that were written to zero."""
         for state in self._written.values():
             state.rows[self._buoyancy.bodies] = 0.0
+
+
+def _field(model: mujoco.MjModel, name: str) -> Any:
+    """A field of a model, or of its options: an array that shows what is there now, or bytes."""
+    return getattr(model.opt if name == "gravity" else model, name)
 
 
 def _whole(threads: float) -> int:
