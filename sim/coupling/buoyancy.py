@@ -304,7 +304,7 @@ class _Block:
 
     def clear(self) -> None:
         """Set the rows that were written to zero."""
-        for state in self._written.values():
+        for state in list(self._written.values()):  # a thread may be late
             state.rows[self._buoyancy.bodies] = 0.0
 
 

@@ -180,7 +180,7 @@ class Patches(Compiled):
         highest crest."""
         positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
         rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
-        chosen, reached = reached_polynomials(*self._alone, positions, rotations, float(time))
+        chosen, reached = polynomials_of(*self._alone, positions, rotations, float(time))
         patches, leaves = self.tree.patches, self.tree.leaves
         coefficients = np.full((len(patches), MONOMIALS), np.nan)
         coefficients[chosen["patch"]] = reached["c"]
@@ -420,9 +420,8 @@ def subtract_dry_parts(cut, opened, heads, tree, chosen, sums_out):
 
 
 @kernel
-def reached_polynomials(block, instances, positions, rotations, time):
+def reached_polynomials(tree, sea, instances, positions, rotations, time):
     """The patches that the water could reach, CHOSEN, and the POLYNOMIAL of the head over each."""
-    tree, sea = tree_of(block), water_of(block)
     most = most_patches(instances) + 1
     x, y, above = np.empty(most), np.empty(most), np.empty(most)
     chosen = np.empty(most, CHOSEN)
@@ -464,10 +463,18 @@ def surface_sums(tree, chosen, polynomials, sums_out):
 
 
 @kernel
+def polynomials_of(block, instances, positions, rotations, time):
+    """`reached_polynomials` of a block."""
+    tree, sea = tree_of(block), water_of(block)
+    return reached_polynomials(tree, sea, instances, positions, rotations, time)
+
+
+@kernel
 def patches_wrenches(block, instances, positions, rotations, time, wrenches_out):
     """See `Compiled`."""
-    chosen, polynomials = reached_polynomials(block, instances, positions, rotations, time)
-    tree, scale = tree_of(block), water_of(block).water[0].scale
+    tree, sea = tree_of(block), water_of(block)
+    chosen, polynomials = reached_polynomials(tree, sea, instances, positions, rotations, time)
+    scale = sea.water[0].scale
     sums, turn = np.zeros((instances.size, 6)), np.empty(9)
     if chosen.size > 0:
         surface_sums(tree, chosen, polynomials, sums)
