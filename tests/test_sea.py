@@ -167,7 +167,7 @@ def test_arguments_broadcast_time_included():
     for row, time in zip(record, times, strict=True):
         np.testing.assert_array_equal(row, sea.elevation(x, 0.3, time))
     assert sea.elevation(0.0, 0.0, 0.0).shape == ()
-    assert sea.surface(x, 0.0, times[:, None]).hessian.shape == (3, 5, 2, 2)
+    assert sea.hessian(x, 0.0, times[:, None]).shape == (3, 5, 2, 2)
     assert sea.elevation([], [], 0.0).shape == (0,)
 
 

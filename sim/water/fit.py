@@ -175,6 +175,6 @@ def longest_edge(sea: Sea, tolerance: float) -> float:
     """
     if not sea.components.size:
         return np.inf
-    hessians = sea.surface(*sample_places(sea), 0.0).hessian
+    hessians = sea.hessian(*sample_places(sea), 0.0)
     largest = SAFETY * float(np.abs(np.linalg.eigvalsh(hessians)).max())
     return np.sqrt(6.0 * tolerance / largest) if largest > 0.0 else np.inf

@@ -183,6 +183,10 @@ class Sea:
             np.concatenate([across, up[..., None]], axis=-1),
         )
 
+    def hessian(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
+        """Second derivatives (..., 2, 2) of the elevation [1/m]."""
+        return self.surface(x, y, time).hessian
+
     def particles(self, labels: ArrayLike, time: float) -> Array:
         """Positions (..., 3) [m] of the surface particles with labels (..., 2) [m]."""
         labels = np.asarray(labels, dtype=float)
