@@ -180,6 +180,15 @@ def test_a_block_in_which_another_model_is_stepped_warns():
         mujoco.mj_step(other, data)
 
 
+def test_a_force_of_ones_own_in_the_water_s_rows_is_said_to_be_overwritten():
+    scene = cube()
+    scene.data.xfrc_applied[1, 0] = 5.0
+    with pytest.warns(UserWarning, match="push such a body by qfrc_applied"):  # noqa: SIM117
+        with scene.buoyancy.installed():
+            mujoco.mj_step(scene.model, scene.data, nstep=5)
+    np.testing.assert_array_equal(state(scene.data), alone(0.0, 5))
+
+
 def test_a_buoyancy_says_how_it_is_made_anew_elsewhere():
     with pytest.raises(TypeError, match=r"make a new one there with Buoyancy.from_model\(model\)"):
         pickle.dumps(Buoyancy.from_model(model()))

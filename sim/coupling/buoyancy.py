@@ -286,6 +286,7 @@ class _Block:
         state = self._written.get(id(data))
         if state is None:
             state = self._written[id(data)] = State.of(data)
+            self._warn_of_overwriting(state)
         self._buoyancy.write_into(state)
 
     def note(self, data: mujoco.MjData) -> None:
@@ -293,6 +294,15 @@ class _Block:
 
     def is_copy(self, model: mujoco.MjModel) -> bool:
         return self._buoyancy.is_copy(model)
+
+    def _warn_of_overwriting(self, state: State) -> None:
+        """Of rows that somebody else has set, unless it may have been an outer block."""
+        if callback.is_alone(self) and state.rows[self._buoyancy.bodies].any():
+            warnings.warn(
+                "xfrc_applied of a floating body was set and is overwritten: these rows are the "
+                "water's; push such a body by qfrc_applied",
+                stacklevel=2,
+            )
 
     def warn_if_nothing_was_seen(self) -> None:
         if not self._written:

@@ -63,6 +63,11 @@ def is_other_set() -> bool:
     return _previous is not None if current is _callback else current is not None
 
 
+def is_alone(coupled: Coupled) -> bool:
+    """Whether nobody else is installed for the same model."""
+    return sum(other.model is coupled.model for other in _installed) == 1
+
+
 def found(model: mujoco.MjModel) -> list[Coupled]:
     """Who is installed for a model, the latest first: for itself, else, if it is a copy, for the
     one that it is a copy of. Raises ValueError for a copy of several."""
