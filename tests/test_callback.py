@@ -155,6 +155,22 @@ def test_a_copy_of_a_model_floats_as_the_model():
     np.testing.assert_array_equal(state(data), alone(0.0, 30))
 
 
+def test_a_copy_with_a_timestep_of_its_own_is_stepped_by_that():
+    """The implicit step of the drag depends on it."""
+    scene = cube()
+    copied = copy.copy(scene.model)
+    copied.opt.timestep *= 5
+    data = mujoco.MjData(copied)
+    data.qpos[2] = 0.0
+    with scene.buoyancy.installed():
+        mujoco.mj_step(copied, data, nstep=30)
+    own = cube()
+    own.model.opt.timestep *= 5
+    with own.buoyancy.installed():
+        mujoco.mj_step(own.model, own.data, nstep=30)
+    np.testing.assert_array_equal(state(data), state(own.data))
+
+
 def test_a_copy_of_several_models_is_refused():
     twins = [cube(), cube()]
     copied = copy.copy(twins[0].model)

@@ -75,7 +75,7 @@ class Buoyancy:
         threads: int = 1,
     ) -> None:
         self.model = model
-        self._option, self._gravity = model.opt, model.opt.gravity
+        self._gravity = model.opt.gravity
         self.sea = sea
         self.floats = tuple(floats)
         self.bodies, self.float_bodies = np.unique(
@@ -136,7 +136,7 @@ class Buoyancy:
         if self._resistance is not None:
             _update_velocities(model, data)
             mujoco.mj_passive(model, data)
-        self.write(data)
+        self.write(model, data)
 
     @contextmanager
     def installed(self) -> Iterator["Buoyancy"]:
@@ -186,7 +186,7 @@ class Buoyancy:
         places = np.searchsorted(self.bodies, [body.body for body in self._resisted])
         state = State.of(data)
         state = state._replace(rows=np.zeros_like(state.rows))
-        drags[places] = self._add_resistance(state, self._wrenches(state))
+        drags[places] = self._add_resistance(self.model, state, self._wrenches(state))
         return drags
 
     def _wrenches(self, state: "State") -> Array:
@@ -197,16 +197,17 @@ class Buoyancy:
             batch.write_wrenches(state.positions, state.rotations, time, wrenches)
         return wrenches
 
-    def _add_resistance(self, state: "State", buoyancy: Array) -> Array:
+    def _add_resistance(self, model: mujoco.MjModel, state: "State", buoyancy: Array) -> Array:
         """Turn the resisted bodies' rows, their buoyancy, into the whole wrench of the water;
-        returns their drag. buoyancy (H, 6): of all hulls."""
+        returns their drag. model: the one that is stepped, maybe a copy with a timestep of its
+        own; buoyancy (H, 6): of all hulls."""
         s = state
         return self._resistance.add_resistance(
             s.positions, s.rotations, s.velocities, s.references, self._gravity, s.applied,
-            s.passive, self._option.timestep, s.data.time, buoyancy, s.rows,
+            s.passive, model.opt.timestep, s.data.time, buoyancy, s.rows,
         )  # fmt: skip
 
-    def write_into(self, state: "State") -> None:
+    def write_into(self, model: mujoco.MjModel, state: "State") -> None:
         """Write the wrenches for the kinematics as they stand: what the callback does."""
         started = perf_counter()
         wrenches = self._wrenches(state)
@@ -216,14 +217,14 @@ class Buoyancy:
             state.rows[self.bodies] = 0.0
             np.add.at(state.rows, self._rows, wrenches)
         if self._resistance is not None:
-            self._add_resistance(state, wrenches)
+            self._add_resistance(model, state, wrenches)
         with self._counting:
             self.calls += 1
             self.seconds += perf_counter() - started
 
-    def write(self, data: mujoco.MjData) -> None:
+    def write(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """`write_into` for a state by itself."""
-        self.write_into(State.of(data))
+        self.write_into(model, State.of(data))
 
     def note(self, data: mujoco.MjData) -> None:
         """Nothing: somebody else writes into this state."""
@@ -282,12 +283,12 @@ class _Block:
         self.model, self._buoyancy = buoyancy.model, buoyancy
         self._written: dict[int, State] = {}
 
-    def write(self, data: mujoco.MjData) -> None:
+    def write(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         state = self._written.get(id(data))
         if state is None:
             state = self._written[id(data)] = State.of(data)
             self._warn_of_overwriting(state)
-        self._buoyancy.write_into(state)
+        self._buoyancy.write_into(model, state)
 
     def note(self, data: mujoco.MjData) -> None:
         self._written.setdefault(id(data), State.of(data))

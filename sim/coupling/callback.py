@@ -20,7 +20,7 @@ class Coupled(Protocol):
     model: mujoco.MjModel
 
     def is_copy(self, model: mujoco.MjModel) -> bool: ...
-    def write(self, data: mujoco.MjData) -> None: ...
+    def write(self, model: mujoco.MjModel, data: mujoco.MjData) -> None: ...
     def note(self, data: mujoco.MjData) -> None: ...
 
 
@@ -30,8 +30,8 @@ _previous: Callable[[Any, Any], None] | None = None
 
 
 def install(coupled: Coupled) -> None:
-    """Call `coupled.write(data)` for its model from now on, or, if something is installed for that
-    later, `coupled.note(data)`. As often as it is installed it has to be uninstalled."""
+    """Call `coupled.write(model, data)` for its model from now on, or, if something is installed
+    for that later, `coupled.note(data)`. As often as it is installed it has to be uninstalled."""
     global _installed, _previous
     with _lock:
         current = mujoco.get_mjcb_passive()
@@ -94,10 +94,10 @@ def _callback(model: mujoco.MjModel, data: mujoco.MjData) -> None:
             previous(model, data)
     installed = _installed
     if len(installed) == 1 and installed[0].model is model:  # the usual case, in a hurry
-        installed[0].write(data)
+        installed[0].write(model, data)
         return
     for i, coupled in enumerate(found(model)):
         if i == 0:
-            coupled.write(data)
+            coupled.write(model, data)
         else:  # an outer block of the same model
             coupled.note(data)
