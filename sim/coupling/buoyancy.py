@@ -56,8 +56,9 @@ class Buoyancy:
     body yourself use `qfrc_applied`. All other rows are left alone. Geoms' frames are read
     once, when the object is made.
 
-    threads: how many, with the caller's own, share the hulls whose method is patches. The result is
-    the same to the bit; it pays for many hulls, not for a few. The helpers end with the object.
+    threads: how many, with the caller's own, share the hulls of all methods but reference. The
+    result is the same to the bit; it pays for many hulls, not for a few. The helpers end with the
+    object.
 
     No state is kept between calls, so any number of threads, states and copies of the model may use
     it at once.
