@@ -105,8 +105,8 @@ def write_json(path: Path | None, report: Any) -> None:
         path.write_text(json.dumps(report, indent=2) + "\n")
 
 
-def check_json(path: Path | None) -> None:
-    """Find out before the work whether its report can be written. Raises OSError."""
+def check_writable(path: Path | None) -> None:
+    """Find out before the work whether its file can be written. Raises OSError."""
     if path is not None:
         path.open("a").close()
 

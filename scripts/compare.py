@@ -24,7 +24,7 @@ from command_line import (
     UNUSABLE_INPUT,
     Parser,
     at_least,
-    check_json,
+    check_writable,
     compiling_notice,
     positive,
     print_table,
@@ -274,7 +274,7 @@ def main(arguments: list[str] | None = None) -> int:
     with ExitStack() as stack:
         try:
             twins = load(options)
-            check_json(options.json)
+            check_writable(options.json)
             received = stack.enter_context(stop_signals())
             recorder = None if recording is None else SideBySideRecorder(recording, twins)
         except (ValueError, OSError) as error:

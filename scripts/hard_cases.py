@@ -19,7 +19,7 @@ from typing import Any
 from command_line import (
     INTERRUPTED,
     Parser,
-    check_json,
+    check_writable,
     interruptible,
     print_table,
     run_script,
@@ -76,7 +76,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     if not any(options.only in name for name in CASES):
         parser.error(f"no case has '{options.only}' in its name; there are {', '.join(CASES)}")
     try:
-        check_json(options.json)
+        check_writable(options.json)
     except OSError as error:
         parser.error(str(error))
     return options

@@ -19,7 +19,7 @@ from command_line import (
     UNWRITABLE,
     Parser,
     at_least,
-    check_json,
+    check_writable,
     compiling_notice,
     positive,
     print_table,
@@ -185,7 +185,7 @@ def main(arguments: list[str] | None = None) -> int:
     with ExitStack() as stack:
         try:
             scene = load(options)
-            check_json(options.json)
+            check_writable(options.json)
             received = stack.enter_context(stop_signals())
             recorder = open_recorder(recording, scene, options)
         except (ValueError, OSError) as error:

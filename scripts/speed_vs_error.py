@@ -20,7 +20,7 @@ from command_line import (
     UNUSABLE_INPUT,
     Parser,
     at_least,
-    check_json,
+    check_writable,
     interruptible,
     positive,
     print_table,
@@ -265,8 +265,8 @@ def check_outputs(options: argparse.Namespace) -> None:
     cube = make_hull("cube")
     for text in options.methods:
         make_method(text, cube, SEAS["swell"])
-    check_json(options.json)
-    check_json(options.figure)
+    check_writable(options.json)
+    check_writable(options.figure)
 
 
 def collect(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
