@@ -8,6 +8,7 @@ reads this map and keeps it so):
     methods/, resistance/     (hull, sea, pose, time) -> wrench of the water; drag, added mass
     hull, triangle, water/    closed surfaces; the wrench of one triangle; waves and pressure
     geometry                  areas, volumes, rotations of triangles and bodies
+    addresses                 arrays, functions and counters at places in memory
     kernels                   how kernels are compiled, and the blocks of tables they read
 
 Nothing below coupling knows MuJoCo, and only drawing knows Rerun, which is loaded when it is first

@@ -16,12 +16,17 @@ What holds for every kernel of the package:
   itself looks at the file of a kernel, and not at those of the kernels that it calls.
 """
 
+import ctypes
+from collections.abc import Callable
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
+from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
-from numba import njit
+from numba import njit, typeof, types
+from numba.core.ccallback import CFunc
 from numpy.typing import NDArray
 
 Kernel = TypeVar("Kernel")
@@ -29,7 +34,7 @@ Kernel = TypeVar("Kernel")
 CACHE_LINE = 64
 """Bytes. Tables of a block begin at a line, and with them each node and leaf of a tree."""
 
-MOST_TABLES = 8
+MOST_TABLES = 10
 """Tables that a block has room for in its directory."""
 
 DIRECTORY = 16 * MOST_TABLES
@@ -54,6 +59,58 @@ def _compiled(function: Kernel, *liberties: str) -> Kernel:
     dispatcher = njit(cache=True, nogil=True, **options)(function)
     dispatcher._cache._cache_file._source_stamp = _STAMP
     return dispatcher
+
+
+class CFunction:
+    """A kernel of whole numbers that C code may call, compiled when it is first asked for.
+
+    call: it, as a ctypes function, which MuJoCo takes for a callback; address: where it is. Called
+    from Python it releases the interpreter's lock.
+    """
+
+    def __init__(self, function: Callable[..., Any], returns_number: bool) -> None:
+        self._function = function
+        self._result = types.int64 if returns_number else types.void
+        self._compiling = Lock()
+
+    @property
+    def call(self) -> Callable[..., Any]:
+        with self._compiling:
+            return self._call
+
+    @cached_property
+    def _call(self) -> Callable[..., Any]:
+        count = self._function.__code__.co_argcount
+        signature = self._result(*[types.int64] * count)
+        options = {"fastmath": {"contract"}, "error_model": "numpy"}
+        compiled = CFunc(self._function, (signature.args, signature.return_type), {}, options)
+        compiled.enable_caching()
+        compiled._cache._cache_file._source_stamp = _STAMP
+        compiled.compile()
+        self._compiled = compiled  # its code goes with it
+        return compiled.ctypes
+
+    @property
+    def address(self) -> int:
+        return ctypes.cast(self.call, ctypes.c_void_p).value
+
+
+def c_function(function: Callable[..., None]) -> CFunction:
+    """A kernel with whole numbers as arguments and no result, for C code to call."""
+    return CFunction(function, returns_number=False)
+
+
+def c_query(function: Callable[..., int]) -> CFunction:
+    """The same with a whole number as its result."""
+    return CFunction(function, returns_number=True)
+
+
+def address_of(compiled: Any, *arguments: Any) -> int:
+    """Where the code of a kernel is that takes such arguments, for `addresses.call_kernel`."""
+    signature = tuple(map(typeof, arguments))
+    compiled.compile(signature)
+    found = compiled.overloads[signature]
+    return found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
 
 
 def kernel(function: Kernel) -> Kernel:

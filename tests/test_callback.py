@@ -4,12 +4,14 @@ import copy
 import ctypes
 import pickle
 from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
 
 import mujoco
 import numpy as np
 import pytest
 from mujoco import rollout
-from scenes import CUBE, WAVES, model
+from mujoco.batch import Batch
+from scenes import CUBE, WAVES, model, xml
 
 from sim import Buoyancy, Scene, simulate
 
@@ -145,6 +147,120 @@ def test_install_keeps_the_forces_for_loops_that_step_by_halves():
         scene.buoyancy.uninstall()
 
 
+def test_a_block_around_each_half_step_has_the_forces_too():
+    """As an environment that knows nothing of the callback would write it."""
+    scene = cube()
+    with scene.buoyancy.installed():
+        mujoco.mj_step1(scene.model, scene.data)
+    for _ in range(50):
+        with scene.buoyancy.installed():
+            mujoco.mj_step2(scene.model, scene.data)
+            mujoco.mj_step1(scene.model, scene.data)
+    np.testing.assert_array_equal(state(scene.data), alone(0.0, 50))
+
+
+def test_models_may_be_compiled_inside_a_block():
+    scene = cube()
+    with scene.buoyancy.installed():
+        mujoco.mj_step(scene.model, scene.data)
+        twin, other = model(custom=WAVES + DRAG), model(CUBE.replace("512.5", "300"))
+        assert scene.buoyancy.calls == 1  # what is compiled is not stepped by ours
+        for compiled in (twin, other):
+            with Buoyancy.from_model(compiled).installed() as own:
+                mujoco.mj_step(compiled, mujoco.MjData(compiled))
+            assert own.calls == 1
+    np.testing.assert_array_equal(state(scene.data), alone(0.0, 1))
+
+
+def batch_of(scene: Scene, starts: np.ndarray, **options) -> Batch:
+    batch = Batch(scene.model, nsim=len(starts), **options)
+    batch.bind("qpos")[:, :3], batch.bind("time")[:] = starts[:, :3], starts[:, 3]
+    return batch
+
+
+STARTS = np.random.default_rng(3).uniform(-0.5, 0.5, (12, 4)) + [0.0, 0.0, 0.0, 5.0]
+
+
+def one_by_one(buoyancy: Buoyancy, compiled: mujoco.MjModel, starts: np.ndarray) -> np.ndarray:
+    ends = []
+    for start in starts:
+        data = mujoco.MjData(compiled)
+        data.qpos[:3], data.time = start[:3], start[3]
+        with buoyancy.installed():
+            mujoco.mj_step(compiled, data, nstep=60)
+        ends.append(state(data))
+    return np.array(ends)
+
+
+@pytest.mark.parametrize("persistent", [False, True])
+@pytest.mark.parametrize("nthread", [1, 2])
+def test_a_batch_is_its_simulations_one_by_one(nthread, persistent):
+    scene = cube()
+    with scene.buoyancy.installed():
+        batch = batch_of(scene, STARTS, nthread=nthread, persistent=persistent)
+        batch.step(nstep=60)
+    ends = np.hstack([batch.bind("qpos"), batch.bind("qvel")])
+    np.testing.assert_array_equal(ends, one_by_one(scene.buoyancy, scene.model, STARTS))
+    assert len(np.unique(ends, axis=0)) == len(STARTS)
+
+
+@pytest.mark.parametrize("field", ["body_mass", "body_ipos", "geom_pos"])
+def test_expanded_fields_of_a_batch_act_as_in_a_model_of_their_own(field):
+    scene, rng = barge(), np.random.default_rng(1)
+    values = getattr(scene.model, field) * rng.uniform(0.8, 1.2, (len(STARTS), 1, 1))
+    values = values.reshape(len(STARTS), *getattr(scene.model, field).shape)
+    with scene.buoyancy.installed():
+        batch = batch_of(scene, STARTS, nthread=2)
+        batch.expand(field)[:] = values
+        batch.step(nstep=60)
+    ends = np.hstack([batch.bind("qpos"), batch.bind("qvel")])
+    for end, start, value in zip(ends, STARTS, values, strict=True):
+        own = copy.copy(scene.model)
+        getattr(own, field)[:] = value
+        expected = one_by_one(scene.buoyancy, own, start[None])[0]
+        np.testing.assert_array_equal(end, expected)
+
+
+def test_a_batch_says_which_model_it_cannot_follow():
+    scene = cube()
+    with scene.buoyancy.installed():
+        mujoco.mj_step(scene.model, scene.data)
+        batch = batch_of(scene, STARTS, nthread=2)
+        batch.expand("geom_size")[:] = 0.4
+        with pytest.warns(UserWarning, match="no state of its model"):  # noqa: SIM117
+            with scene.buoyancy.installed():
+                batch.step()
+
+
+def test_methods_of_the_interpreter_refuse_batches_in_words():
+    scene = Scene.from_model(model(custom=WAVES), method="reference")
+    with scene.buoyancy.installed():
+        mujoco.mj_step(scene.model, scene.data)
+        with pytest.raises(ValueError, match="callback"):
+            Batch(scene.model, nsim=2).step()
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast", "RK4"])
+def test_one_call_of_many_steps_in_many_threads_is_many_calls_in_one(integrator):
+    option = f'<option integrator="{integrator}"/>'
+    scene = Scene.from_model(model(custom=WAVES + DRAG, option=option))
+
+    def run(steps: int) -> bytes:
+        data, digest = mujoco.MjData(scene.model), sha256()
+        data.qpos[2] = 0.3
+        for step in range(0, 1000, steps):
+            mujoco.mj_step(scene.model, data, nstep=steps)
+            if (step + steps) % 100 == 0:
+                digest.update(state(data))
+        return digest.digest()
+
+    with scene.buoyancy.installed():
+        expected = run(1)
+        for threads in (1, 2, 8):
+            with ThreadPoolExecutor(threads) as pool:
+                assert set(pool.map(run, [100, 1, 10, 50, 1, 100, 100, 10])) == {expected}
+
+
 def test_a_copy_of_a_model_floats_as_the_model():
     scene = cube()
     copied = copy.copy(scene.model)
@@ -177,8 +293,9 @@ def test_a_copy_of_several_models_is_refused():
     for twin in twins:
         twin.buoyancy.install()
     try:
-        with pytest.raises(ValueError, match="copy of 2 models that are installed"):
+        with pytest.raises(mujoco.FatalError, match="copy of several that are installed"):
             mujoco.mj_forward(copied, mujoco.MjData(copied))
+        mujoco.MjModel.from_xml_string(xml(custom=WAVES + DRAG))  # one that is compiled is none
         mujoco.mj_step(twins[0].model, twins[0].data)  # they themselves are known
     finally:
         for twin in twins:
@@ -210,36 +327,123 @@ def test_a_buoyancy_says_how_it_is_made_anew_elsewhere():
         pickle.dumps(Buoyancy.from_model(model()))
 
 
-CHANGES = {
+REFUSED = {
     "geom_size": lambda m: m.geom_size.__setitem__(0, 0.4),
-    "geom_pos": lambda m: m.geom_pos.__setitem__((0, 2), 0.1),
-    "body_ipos": lambda m: m.body_ipos.__setitem__((1, 2), -0.2),
-    "body_mass": lambda m: m.body_mass.__setitem__(1, 100.0),
     "numeric_data": lambda m: m.numeric_data.__setitem__(0, 500.0),
-    "gravity": lambda m: m.opt.gravity.__setitem__(2, -1.62),
+    "mesh_vert": lambda m: m.mesh_vert.__imul__(2.0),
 }
 
+LAGGING = """
+    <body name="barge" pos="0 0 -0.4"><freejoint/>
+      <geom name="barge" type="mesh" mesh="wedge" pos="0.3 -0.2 0.1" euler="20 30 40"
+            density="500"/>
+      <geom type="sphere" size="0.1" pos="-0.4 0.6 0.1" density="3000"/></body>"""
+WEDGE = """<mesh name="wedge" inertia="exact" vertex="0 0 0  1 0 0  0 1 0  0 0 1"
+             face="0 2 1  0 1 3  0 3 2  1 2 3"/>"""
+LINEAR = '<text name="buoyancy_method" data="linear"/>'
 
-@pytest.mark.parametrize("field", CHANGES)
+
+def barge(custom: str = WAVES + DRAG + LINEAR) -> Scene:
+    """A hull off its body's origin and turned."""
+    return Scene.from_model(model(LAGGING, ("barge",), custom, assets=WEDGE))
+
+
+@pytest.mark.parametrize("field", REFUSED)
 def test_what_the_hulls_were_made_from_may_not_change_behind_their_back(field):
-    scene = cube()
-    CHANGES[field](scene.model)
+    """Not before a block, nor inside one."""
+    scene = cube() if field == "geom_size" else barge()
+    with scene.buoyancy.installed():
+        mujoco.mj_step(scene.model, scene.data)
+        REFUSED[field](scene.model)
+        with pytest.raises(mujoco.FatalError, match=f"{field} changed after its Buoyancy was made"):
+            mujoco.mj_step(scene.model, scene.data)
     for enter in (lambda: scene.buoyancy.installed().__enter__(), scene.buoyancy.install):
         with pytest.raises(ValueError, match=f"the model's {field} changed after this Buoyancy"):
             enter()
     assert mujoco.get_mjcb_passive() is None
-    made_anew = Buoyancy.from_model(scene.model)
-    with made_anew.installed():
+
+
+def test_gravity_off_the_vertical_is_refused():
+    scene = cube()
+    scene.model.opt.gravity[0] = 0.1
+    with (
+        scene.buoyancy.installed(),
+        pytest.raises(mujoco.FatalError, match="gravity is not along -z any more"),
+    ):
         mujoco.mj_step(scene.model, scene.data)
 
 
-def test_what_concerns_no_hull_may_change():
-    """A new mass acts where nothing but MuJoCo takes it; the timestep always."""
+def test_threads_of_a_rollout_are_refused_at_the_end_of_the_block():
+    """Nobody there could catch an error: the state is given up and the block says why."""
+    scene = cube()
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    start = np.empty((2, mujoco.mj_stateSize(scene.model, full)))
+    for row in start:
+        mujoco.mj_getState(scene.model, scene.data, row, full)
+    datas = [mujoco.MjData(scene.model) for _ in range(2)]
+    block = scene.buoyancy.installed()
+    block.__enter__()
+    scene.model.geom_size[0] = 0.4
+    with rollout.Rollout(nthread=2) as pool:
+        pool.rollout([scene.model] * 2, datas, start, nstep=3)
+    with pytest.raises(ValueError, match="geom_size changed after its Buoyancy was made"):
+        block.__exit__(None, None, None)
+    assert any(data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number for data in datas)
+
+
+FOLLOWED = {
+    "body_mass": lambda m: m.body_mass.__setitem__(1, 300.0),
+    "body_inertia": lambda m: m.body_inertia.__setitem__((1, 0), 40.0),
+    "body_ipos": lambda m: m.body_ipos.__setitem__((1, 2), -0.2),
+    "body_iquat": lambda m: m.body_iquat.__setitem__(1, [0.8, 0.0, 0.6, 0.0]),
+    "geom_pos": lambda m: m.geom_pos.__setitem__((0, 2), 0.3),
+    "geom_quat": lambda m: m.geom_quat.__setitem__(0, [0.6, 0.8, 0.0, 0.0]),
+    "gravity": lambda m: m.opt.gravity.__setitem__(2, -1.62),
+    "timestep": lambda m: setattr(m.opt, "timestep", 0.01),
+}
+
+
+@pytest.mark.parametrize("field", FOLLOWED)
+def test_what_else_is_changed_acts(field):
+    """As it does in a Buoyancy that is made afterwards, to the bit; a sea's gravity, which it takes
+    for another measure of time, to round-off."""
+    ends = []
+    for changes_first in (True, False):
+        scene = barge()
+        buoyancy = scene.buoyancy
+        if changes_first:
+            FOLLOWED[field](scene.model)
+            buoyancy = Buoyancy.from_model(scene.model)
+        with buoyancy.installed():
+            FOLLOWED[field](scene.model)
+            mujoco.mj_setConst(scene.model, mujoco.MjData(scene.model))
+            mujoco.mj_step(scene.model, scene.data, nstep=20)
+        ends.append(state(scene.data))
+    unchanged = barge()
+    with unchanged.buoyancy.installed():
+        mujoco.mj_step(unchanged.model, unchanged.data, nstep=20)
+    assert np.abs(ends[0] - state(unchanged.data)).max() > 1e-4
+    np.testing.assert_allclose(*ends, atol=1e-11 if field == "gravity" else 0.0, rtol=0.0)
+
+
+def test_a_changed_mass_is_the_closed_form():
     scene = cube(custom="")
     scene.model.body_mass[1] = 300.0
-    scene.model.opt.timestep = 0.001
     mujoco.mj_setConst(scene.model, scene.data)
     with scene.buoyancy.installed():
         mujoco.mj_forward(scene.model, scene.data)
     expected = (1025.0 * 0.5 - 300.0) * 9.81 / 300.0
     assert scene.data.qacc[2] == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_moved_centre_of_mass_leaves_the_hull_where_it_is():
+    """Ballast moved to the side leaves the push, and adds to its torque push x way."""
+    scene, rows = barge(custom=LINEAR), []
+    with scene.buoyancy.installed():
+        for way in (0.0, 0.1):
+            scene.model.body_ipos[1, 0] += way
+            mujoco.mj_forward(scene.model, scene.data)
+            rows.append(scene.data.xfrc_applied[1].copy())
+    change = np.cross(rows[0][:3], [0.1, 0.0, 0.0])
+    assert abs(change[1]) > 10.0
+    np.testing.assert_allclose(rows[1], rows[0] + [0, 0, 0, *change], atol=1e-9)

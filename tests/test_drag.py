@@ -6,7 +6,7 @@ import pytest
 import trimesh
 from scenes import CUBE, WAVES, model
 
-from independent import DENSITY, GRAVITY, ROUND_OFF, load_mesh, random_rotation, three_waves
+from independent import DENSITY, GRAVITY, MODELS, ROUND_OFF, load_mesh, random_rotation, three_waves
 from sim import Buoyancy, Drag, DragCoefficients, Hull, Scene, Sea, Wave, simulate
 from sim.resistance.drag import surface_elements
 from sim.water.motion import water_motion
@@ -86,13 +86,17 @@ def random_states(count: int):
 ALL_TERMS = DragCoefficients(linear=0.2, form=1.0, friction=0.05)
 
 
+ROOMY_CUBE = CUBE.replace("<freejoint/>", "<freejoint/><body/>")
+"""With its whole matrix of inertia: of a body alone on its joint MuJoCo keeps the diagonal."""
+
+
 @pytest.mark.parametrize("timestep", [0.002, 0.02])
 def test_the_step_is_linearly_implicit_in_the_derivative_of_drag(timestep):
     """(M + h C) a = forces, with C = - d drag / d velocity by differences of the drag itself: so
     the damping that the step takes is minus the derivative of drag."""
     custom = WAVES + '<numeric name="drag" data="0.2 1.0 0.05"/>'
     option = f'<option timestep="{timestep}"/>'
-    scene = Scene.from_model(model(CUBE, ("cube",), custom, option))
+    scene = Scene.from_model(model(ROOMY_CUBE, ("cube",), custom, option))
     compiled, data, drag = scene.model, scene.data, scene.buoyancy.floats[0].drag
     inertia = np.diag([*[compiled.body_mass[1]] * 3, *compiled.body_inertia[1]])
     for position, rotation, velocity, time in random_states(5):
@@ -277,7 +281,7 @@ def test_angular_damping_is_a_uniform_rate():
 
 
 ELLIPSOID = """
-    <body name="e" pos="0 0 -50"><freejoint/>
+    <body name="e" pos="0 0 -50"><freejoint/><body/>
       <geom name="e" type="ellipsoid" size="0.5 0.3 0.2" density="1025"/></body>"""
 
 
@@ -292,12 +296,14 @@ def test_a_neutral_body_keeps_its_energy_and_momentum_with_added_mass():
         scene.data.qvel[:] = [0.6, 0.3, -0.5, 0.8, -1.0, 0.5]
         drag = scene.buoyancy.floats[0].drag
         compiled = scene.model
-        inertia = np.diag([compiled.body_mass[1]] * 3 + list(compiled.body_inertia[1]))
+        axes = np.empty(9)
+        mujoco.mju_quat2Mat(axes, compiled.body_iquat[1])
+        axes, inertia = axes.reshape(3, 3), compiled.body_mass[1] * np.eye(6)
+        inertia[3:, 3:] = axes @ np.diag(compiled.body_inertia[1]) @ axes.T
         energies, impulses = [], []
         for sample in simulate(scene, 3.0, rate=50.0):
-            rotation = scene.data.ximat[1].reshape(3, 3)
-            turn = rotation.T @ scene.data.xmat[1].reshape(3, 3)
-            nu = np.concatenate([rotation.T @ scene.data.qvel[:3], turn @ scene.data.qvel[3:]])
+            rotation = scene.data.xmat[1].reshape(3, 3)  # the geom's, too
+            nu = np.concatenate([rotation.T @ scene.data.qvel[:3], scene.data.qvel[3:]])
             momentum = (inertia + drag.added_mass) @ nu
             energies.append(0.5 * nu @ momentum)
             impulses.append(rotation @ momentum[:3])
@@ -407,32 +413,20 @@ def test_without_drag_everything_stays_to_the_bit():
     np.testing.assert_array_equal(*ends)
 
 
-def test_apply_before_each_step_is_the_callback_to_the_bit_with_drag():
-    custom = WAVES + '<numeric name="drag" data="0.2 1 0.005"/>' + BALL_ADDED_MASS
-    body = CUBE.replace("<freejoint/>", '<joint type="free" damping="5"/>')
-    ends = []
-    for installed in (True, False):
-        scene = Scene.from_model(model(body, custom=custom))
-        compiled, data, buoyancy = scene.model, scene.data, scene.buoyancy
-        if installed:
-            with buoyancy.installed():
-                mujoco.mj_step(compiled, data, 100)
-        else:
-            for _ in range(100):
-                buoyancy.apply(compiled, data)
-                mujoco.mj_step(compiled, data)
-        ends.append(np.concatenate([data.qpos, data.qvel]))
-    np.testing.assert_array_equal(*ends)
+def test_apply_refuses_what_belongs_into_a_matrix():
+    scene = ball(0.5, BALL_ADDED_MASS)
+    with pytest.raises(ValueError, match=r"step inside `with buoyancy.installed\(\):`"):
+        scene.buoyancy.apply(scene.model, scene.data)
 
 
 def test_a_link_of_a_tree_rests_where_it_did_and_its_drag_is_bounded():
-    """Drag on links neither moves an equilibrium nor blows up, a thousand times too strong."""
+    """Drag on links neither moves an equilibrium nor blows up, a hundred times too strong."""
     box = '<geom name="{}" type="box" size="0.5 0.5 0.1" density="512.5"/>'
     tree = f"""
     <body name="front"><freejoint/>{box.format("front")}
       <body name="rear" pos="1.2 0 0"><joint type="hinge" axis="0 1 0" pos="-0.6 0 0"/>
         {box.format("rear")}</body></body>"""
-    custom = '<numeric name="drag" data="0.2 1 0.005"/><numeric name="drag_rear" data="200 900 5"/>'
+    custom = '<numeric name="drag" data="0.2 1 0.005"/><numeric name="drag_rear" data="20 90 0.5"/>'
     scene = Scene.from_model(model(tree, ("front", "rear"), custom=custom))
     scene.data.qpos[2], scene.data.qpos[7] = 0.2, 0.5
     *_, last = simulate(scene, 60.0, rate=1.0)
@@ -440,3 +434,161 @@ def test_a_link_of_a_tree_rests_where_it_did_and_its_drag_is_bounded():
     np.testing.assert_allclose(scene.data.qpos[[2, 7]], 0.0, atol=0.01)
     assert Buoyancy.from_model(scene.model).floats[0].drag.added_mass is None
     np.testing.assert_allclose(last.submerged_fractions, 0.5, atol=0.05)
+
+
+def test_a_simple_body_takes_the_same_step_as_the_timestep_shrinks():
+    """Whose damping off the diagonal goes into that: first order, and never too little."""
+    differences = []
+    for timestep in (0.004, 0.002, 0.001):
+        ends = []
+        for body in (CUBE, ROOMY_CUBE):
+            custom = WAVES + '<numeric name="drag" data="0.2 1.0 0.05"/>'
+            option = f'<option timestep="{timestep}"/>'
+            scene = Scene.from_model(model(body, ("cube",), custom, option))
+            scene.data.qpos[3:7], scene.data.qvel[:] = [0.8, 0.36, 0.48, 0], [1, -1, 0, 2, 1, 0]
+            *_, _ = simulate(scene, 0.2)
+            ends.append(scene.data.qvel.copy())
+        differences.append(np.abs(ends[0] - ends[1]).max())
+    slopes = np.log2(np.array(differences[:-1]) / differences[1:])
+    assert ((slopes > 0.8) & (slopes < 1.2)).all(), slopes
+
+
+CEILING = '<geom type="plane" size="9 9 1" pos="0 0 -1" euler="180 0 0" condim="1"/>'
+LIGHT = {
+    "box": ('type="box" size="0.4 0.4 0.4" density="60"', -1.42, ""),
+    "bunny": (
+        'type="mesh" mesh="m" density="200"',
+        -1.9,
+        f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}" inertia="exact"/>',
+    ),
+}
+
+
+@pytest.mark.parametrize("drag", ["0.2 1 0.005", "20 100 0.5", None])
+@pytest.mark.parametrize("timestep", [0.002, 0.01])
+@pytest.mark.parametrize("shape", LIGHT)
+def test_what_lies_under_a_ceiling_presses_with_its_net_buoyancy_and_rests(shape, timestep, drag):
+    """Without friction; whatever drag and timestep. Without drag only the box comes to rest."""
+    if drag is None and shape == "bunny":
+        drag = "0.02 0.1 0"
+    look, z, assets = LIGHT[shape]
+    body = f'<body pos="0 0 {z}"><freejoint/><geom name="g" {look} condim="1"/></body>'
+    custom = f'<numeric name="drag" data="{drag}"/>' if drag else ""
+    option = f'<option timestep="{timestep}" integrator="implicitfast"/>'
+    scene = Scene.from_model(model(CEILING + body, ("g",), custom, option, assets))
+    with scene.buoyancy.installed():
+        mujoco.mj_step(scene.model, scene.data, nstep=round(80.0 / timestep))
+    lift = scene.buoyancy.wrenches(scene.data)[0, 2] - scene.model.body_mass[1] * GRAVITY
+    assert -scene.data.qfrc_constraint[2] == pytest.approx(lift, rel=1e-6)
+    assert np.abs(scene.data.qvel).max() < 1e-6
+
+
+JOINTS = {
+    "a float on a heave joint": '<joint type="slide" axis="0 0 1"/>',
+    "a propeller on a hinge": '<joint axis="1 0 0" pos="0 0.3 0"/>',
+    "a sensor welded on": "",
+    "a ball joint": '<joint type="ball" pos="-0.2 0 0"/>',
+}
+
+
+@pytest.mark.parametrize("is_free", [True, False])
+@pytest.mark.parametrize("joint", JOINTS)
+def test_added_mass_of_a_link_is_that_of_a_particle_there(joint, is_free):
+    """A ball's added mass in still water acts as a particle of half the displaced mass at its
+    centre, which here weighs nothing: accelerations of chains in motion, both ways."""
+    half = 0.5 * DENSITY * 4.0 / 3.0 * np.pi * 0.2**3
+    particle = (
+        f'<body gravcomp="1"><inertial pos="0 0 0" mass="{half}" diaginertia="1e-9 1e-9 1e-9"/>'
+        "</body>"
+    )
+    accelerations = []
+    for added in (True, False):
+        link = f"""
+        <body name="root" pos="0 0 -9" euler="10 20 30">
+          {"<freejoint/>" if is_free else '<joint axis="0 1 0" pos="0 0 1"/>'}
+          <geom type="box" size="0.3 0.2 0.1" density="700"/>
+          <body pos="0.4 0 0"><joint axis="0 1 1" pos="-0.1 0 0"/>
+            <geom type="box" size="0.1 0.1 0.1" density="900"/>
+            <body pos="0.5 0.1 0" euler="0 40 0">{JOINTS[joint]}
+              <geom name="ball" size="0.2" density="800"/>{"" if added else particle}</body>
+          </body>
+        </body>"""
+        custom = '<numeric name="added_mass" data="0.5 0.5 0.5 0 0 0"/>' * added
+        scene = Scene.from_model(model(link, ("ball",), custom))
+        data = scene.data
+        rng = np.random.default_rng(4)
+        data.qvel[:] = rng.normal(size=scene.model.nv)
+        mujoco.mj_integratePos(scene.model, data.qpos, rng.normal(size=scene.model.nv), 1.0)
+        with scene.buoyancy.installed():
+            mujoco.mj_forward(scene.model, data)
+        accelerations.append(data.qacc.copy())
+    scale = np.abs(accelerations[1]).max()
+    np.testing.assert_allclose(*np.array(accelerations) / scale, atol=1e-8)  # the particle's size
+
+
+def test_a_matrix_off_the_centre_of_mass_is_a_rigid_bodys():
+    """A full 6 x 6 matrix on a geom off its body's centre of mass, turned: that of a second body,
+    of a known inertia, welded there, weighing nothing."""
+    rng, ends = np.random.default_rng(8), []
+    mass, pos, inertia = 400.0, np.array([0.1, -0.2, 0.3]), np.diag([30.0, 50.0, 60.0])
+    x, y, z = pos
+    arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3], matrix[:3, 3:], matrix[3:, :3] = mass * np.eye(3), -mass * arm, mass * arm
+    matrix[3:, 3:] = inertia - mass * arm @ arm
+    numbers = " ".join(map(repr, matrix.ravel().tolist()))
+    second = (
+        f'<body gravcomp="1" pos="{x + 0.2} {y} {z}"><inertial pos="0 0 0" mass="{mass}" '
+        'diaginertia="30 50 60"/></body>'
+    )
+    for added in (True, False):
+        body = f"""
+        <body pos="0 0 -9" euler="10 20 30"><freejoint/>
+          <inertial pos="0.2 0 0" mass="600" diaginertia="100 120 150"/>
+          <geom name="g" type="box" size="0.5 0.4 0.3" pos="0.3 0.2 0.1" euler="40 0 20"/>
+          {"<body/>" if added else second}</body>"""
+        custom = f'<numeric name="added_mass" data="{numbers}"/>' * added
+        scene = Scene.from_model(model(body, ("g",), custom))
+        scene.data.qvel[:] = rng.normal(size=6) if added else ends[0][1]
+        with scene.buoyancy.installed():
+            mujoco.mj_forward(scene.model, scene.data)
+        ends.append((scene.data.qacc.copy(), scene.data.qvel.copy()))
+    np.testing.assert_allclose(ends[0][0], ends[1][0], atol=1e-10)
+
+
+def test_derivatives_of_the_step_count_the_matrix_once():
+    """mjd_transitionFD skips stages whose result it has; against differences of whole steps."""
+    custom = WAVES + BALL_ADDED_MASS + '<numeric name="drag" data="0.2 1 0.005"/>'
+    scene = Scene.from_model(model(ROOMY_CUBE, custom=custom))
+    compiled, data = scene.model, scene.data
+    data.qpos[2], data.qvel[:] = 0.1, [0.3, -0.2, 0.4, 0.5, -0.1, 0.2]
+    found, _ = np.empty((12, 12)), None
+    expected, step = np.empty((12, 12)), 1e-6
+    with scene.buoyancy.installed():
+        mujoco.mjd_transitionFD(compiled, data, step, True, found, None, None, None)
+        for i in range(12):
+            ends = []
+            for sign in (1.0, -1.0):
+                other = mujoco.MjData(compiled)
+                other.qpos[:], other.qvel[:], other.time = data.qpos, data.qvel, data.time
+                if i < 6:
+                    mujoco.mj_integratePos(compiled, other.qpos, sign * np.eye(6)[i], step)
+                else:
+                    other.qvel[i - 6] += sign * step
+                mujoco.mj_step(compiled, other)
+                ends.append(other)
+            change = np.empty(6)
+            mujoco.mj_differentiatePos(compiled, change, 2.0 * step, ends[1].qpos, ends[0].qpos)
+            expected[:, i] = [*change, *((ends[0].qvel - ends[1].qvel) / (2.0 * step))]
+    assert np.abs(expected - np.eye(12)).max() > 0.02
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_a_cube_at_rest_stays_there_with_drag_and_added_mass(integrator):
+    custom = '<numeric name="drag" data="0.2 1 0.005"/>' + BALL_ADDED_MASS
+    option = f'<option timestep="0.005" integrator="{integrator}"/>'
+    scene = Scene.from_model(model(CUBE, ("cube",), custom, option))
+    *_, last = simulate(scene, 1.0)
+    assert np.abs(last.positions).max() < 1e-13
+    assert np.abs(scene.data.qvel).max() < 1e-13

@@ -20,7 +20,8 @@ OUTSIDE = {
     "mujoco": {"coupling", "drawing", "measure"},
     "trimesh": {"coupling", "measure"},
     "rerun": {"drawing"},
-    "numba": {"kernels"},
+    "numba": {"kernels", "addresses"},
+    "llvmlite": {"addresses"},
 }
 """Which rooms may import a package from outside; others may be imported anywhere."""
 

@@ -50,9 +50,9 @@ def test_primitives_have_their_exact_volume_and_place(kind):
     (geom,) = Buoyancy.from_model(compiled).floats
     hull = geom.method.hull
     assert hull.volume == pytest.approx(volume, rel=ROUND_OFF)
-    quaternion = compiled.body_iquat[1]
-    inertial = trimesh.transformations.quaternion_matrix(quaternion)[:3, :3]
-    centroid = inertial @ hull.centroid + compiled.body_ipos[1]
+    quaternion = compiled.geom_quat[0]
+    turn = trimesh.transformations.quaternion_matrix(quaternion)[:3, :3]
+    centroid = turn @ hull.centroid + compiled.geom_pos[0]
     np.testing.assert_allclose(centroid, [0.2, -0.1, 0.4], atol=ROUND_OFF)
     # the farthest vertex from the geom's middle is as far as the shape says, within its facets
     reach = np.linalg.norm(hull.vertices - hull.centroid, axis=1).max()
@@ -60,8 +60,8 @@ def test_primitives_have_their_exact_volume_and_place(kind):
     assert reach == pytest.approx(expected.get(kind, 0.8), rel=4e-3)
 
 
-def test_mesh_geom_is_the_file_in_the_inertial_frame():
-    """Volume and principal axes are those of the mesh, to the float32 that MuJoCo keeps."""
+def test_mesh_geom_is_the_file_in_the_geoms_frame():
+    """Which MuJoCo puts into the mesh's centre of mass; volume as it is in float32."""
     assets = f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}" inertia="exact"/>'
     body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" pos="1 2 3"/></body>'
     compiled = model(body, ("g",), assets=assets)
@@ -88,6 +88,9 @@ def test_method_of_one_geom_overrules_the_scenes_and_the_caller_overrules_both()
 def numbers(matrix: np.ndarray) -> str:
     return " ".join(f"{x:g}" for x in matrix.ravel())
 
+
+COUPLED = np.diag([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
+COUPLED[0, 2] = COUPLED[2, 0] = 0.5
 
 TWO_CUBES = CUBE + CUBE.replace('"cube"', '"crate"').replace("0 0 0", "3 0 0")
 
@@ -255,10 +258,25 @@ REFUSALS = {
         dict(custom=f'<numeric name="added_mass" data="{numbers(np.diag([1, 1, 1, 1, 1, -2]))}"/>'),
         "negative eigenvalue -2: .*positive semidefinite",
     ),
-    "added mass of a link": (
-        dict(bodies=CUBE.replace("<freejoint/>", '<joint type="slide" axis="0 0 1"/>'),
-             custom='<numeric name="added_mass" data="1 1 1 0 0 0"/>'),
-        "geom 'cube' an added mass, but its body 'cube' is not alone on a free joint",
+    "added mass without room": (
+        dict(custom='<numeric name="added_mass" data="1 1 2 0 0 0"/>'),
+        "'added_mass': MuJoCo keeps only the diagonal of the inertia of body 'cube'.*<body/>",
+    ),
+    "added mass without room on slides": (
+        dict(bodies=CUBE.replace(
+                 "<freejoint/>", '<joint type="slide" axis="1 0 0"/><joint type="slide"/>'
+             ).replace("<body", '<body euler="0 30 0"'),
+             custom=f'<numeric name="added_mass" data="{numbers(COUPLED)}"/>'),
+        "'added_mass': MuJoCo keeps only the diagonal of the inertia of body 'cube'.*<body/>",
+    ),
+    "drag with PGS": (
+        dict(custom='<numeric name="drag" data="1 1 1"/>', option='<option solver="PGS"/>'),
+        "option solver is PGS: contacts would not feel drag.*Newton or CG",
+    ),
+    "drag with noslip": (
+        dict(custom='<numeric name="drag" data="1 1 1"/>',
+             option='<option noslip_iterations="3"/>'),
+        "option noslip_iterations is 3: contacts would not feel drag.*noslip_iterations to 0",
     ),
     "misspelt added mass": (
         dict(custom='<numeric name="added_masses" data="1 1 1 0 0 0"/>'),

@@ -1,44 +1,35 @@
 """Buoyancy writes the water's wrenches into a model's `xfrc_applied`.
 
 It does so in MuJoCo's passive callback (see `callback`): what is written there acts in the same
-step, and at every stage of RK4.
+step, and at every stage of RK4. Drag and added mass go into MuJoCo's matrix of inertia there, so
+its solver and integrators do the rest, contacts included.
 """
 
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from threading import Lock
-from time import perf_counter
-from typing import Any, NamedTuple, NoReturn
+from functools import cached_property
+from threading import RLock
+from time import perf_counter_ns
+from typing import NoReturn
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coupling import callback
-from sim.coupling.mjcf import FloatingGeom, is_free, read_model
-from sim.coupling.primitives import frame_rotation
+from sim.coupling import callback, native
+from sim.coupling.context import Context, probes_of
+from sim.coupling.mjcf import FloatingGeom, check_solver, read_model
 from sim.methods import Batch, Place
-from sim.resistance.implicit import Resistance, ResistedBody
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
-HULLS_MADE_FROM = (
+MADE_FROM = (
     "numeric_data", "text_data", "tuple_objid", "geom_bodyid", "geom_type", "geom_dataid",
-    "geom_size", "geom_pos", "geom_quat", "mesh_vert", "mesh_face", "body_ipos", "body_iquat",
-    "gravity",
+    "geom_size", "mesh_vert", "mesh_face",
 )  # fmt: skip
 """Fields of a model that seas and hulls are made from."""
-
-RESISTANCE_MADE_FROM = ("body_mass", "body_inertia")
-"""Fields that the implicit step takes besides, for bodies with drag or added mass."""
-
-
-def _update_velocities(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Bring the bodies' velocities up to the positions and `qvel` as they stand."""
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_comVel(model, data)
 
 
 class Buoyancy:
@@ -49,23 +40,29 @@ class Buoyancy:
             mujoco.mj_step(model, data)
 
     An environment that keeps it for good calls `install()` and `uninstall()` instead of the block.
-    Without the callback, `buoyancy.apply(model, data)` before each step does the same, to the bit
-    (except under RK4, whose inner stages only the callback sees).
+    Without the callback, `buoyancy.apply(model, data)` before each step does the same, to the bit,
+    for models without drag and added mass (except under RK4, whose inner stages only the callback
+    sees).
 
-    The rows of `xfrc_applied` that belong to `bodies` are overwritten each time; to push such a
-    body yourself use `qfrc_applied`. All other rows are left alone. Geoms' frames are read
-    once, when the object is made.
+    The rows of `xfrc_applied` that belong to `bodies` are overwritten each time, and keep what was
+    written last; to push such a body yourself use `qfrc_applied`. All other rows are left alone.
 
-    threads: how many, with the caller's own, share the hulls of all methods but reference. The
-    result is the same to the bit; it pays for many hulls, not for a few. The helpers end with the
-    object.
+    What you change in the model acts: mass, inertia, body_ipos, body_iquat, geom_pos, geom_quat,
+    the timestep, and the strength of gravity, which waves follow in time but not in length. What
+    hulls and waves are made from (geom_size, vertices, custom fields) and gravity's direction may
+    not change: the next step is refused.
 
-    No state is kept between calls, so any number of threads, states and copies of the model may use
-    it at once.
+    No state is kept between calls, so any number of threads, states, copies of the model and
+    batches may use it at once. The callback is a C function, except with methods that are no
+    kernels (reference, your own): then it holds the interpreter's lock, and `mujoco.batch` refuses
+    it.
+
+    threads: how many, with the caller's own, share the hulls of linear, chord and patches. The
+    result is the same to the bit; it pays for many hulls in many waves, not for a few, and the
+    callback is then the interpreter's.
 
     sea: what they float in; floats: the hulls; bodies: (B,) ids of their bodies, each once;
-    float_bodies: (H,) for each hull its place in `bodies`; calls, seconds: how often
-    wrenches were written and the wall time that took.
+    float_bodies: (H,) for each hull its place in `bodies`.
     """
 
     def __init__(
@@ -76,27 +73,19 @@ class Buoyancy:
         threads: int = 1,
     ) -> None:
         self.model = model
-        self._gravity = model.opt.gravity
         self.sea = sea
         self.floats = tuple(floats)
         self.bodies, self.float_bodies = np.unique(
             [f.body for f in self.floats], return_inverse=True
         )
+        self.has_resistance = any(f.drag for f in self.floats)
+        self._geoms = np.array([f.geom for f in self.floats])
         self._rows = np.array([f.body for f in self.floats])
-        self.calls = 0
-        self.seconds = 0.0
-        self._counting = Lock()
-        self._compared: dict[int, tuple[mujoco.MjModel, bool]] = {}
         self._batches = _batches(self.floats, _whole(threads))
-        self._resisted = [
-            _resisted_body(model, int(body), self.floats)
-            for body in self.bodies
-            if any(f.drag for f in self.floats if f.body == body)
-        ]
-        self._resistance = Resistance(self._resisted) if self._resisted else None
-        names = HULLS_MADE_FROM + RESISTANCE_MADE_FROM * bool(self._resisted)
+        self._probes = probes_of(model, self.floats)
+        self._making = RLock()
         self._made_from = {
-            name: (_field(model, name), bytes(_field(model, name))) for name in names
+            name: (getattr(model, name), bytes(getattr(model, name))) for name in MADE_FROM
         }
 
     @classmethod
@@ -123,20 +112,53 @@ class Buoyancy:
         """Whether any of the hulls' methods has a tolerance of water height."""
         return any(f.method.takes_tolerance for f in self.floats)
 
+    @property
+    def calls(self) -> int:
+        """How often wrenches were written, in all threads."""
+        return self.context.counted(native.CALLS) if self._is_made else 0
+
+    @property
+    def seconds(self) -> float:
+        """Wall time [s] that this took, in all threads together."""
+        return 1e-9 * self.context.counted(native.NANOSECONDS) if self._is_made else 0.0
+
+    def reset_clock(self) -> None:
+        """Count `calls` and `seconds` anew."""
+        self.context.clear(native.CALLS, native.NANOSECONDS)
+
+    @property
+    def context(self) -> Context:
+        """What kernels need of all this. Compiles the kernels when it is first asked for."""
+        with self._making:
+            return self._context
+
+    @property
+    def _is_made(self) -> bool:
+        return "_context" in self.__dict__
+
+    @cached_property
+    def _context(self) -> Context:
+        of_batches = [batch.native() for batch in self._batches]
+        parts = None if None in of_batches else [part for parts in of_batches for part in parts]
+        return Context(self.model, self.sea, self.floats, self._probes, parts)
+
     def apply(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Write the wrenches for the state in `data`; call it before each `mj_step`.
 
         Updates the kinematics first, which `mj_step` leaves one step behind. Raises ValueError
-        for another model than the one this was made for.
+        for another model than the one this was made for, and for drag and added mass, which belong
+        into a matrix that `mj_step` makes itself.
         """
         if model is not self.model:
             raise ValueError(
                 "this Buoyancy was made for another model; make one with Buoyancy.from_model(model)"
             )
+        if self.has_resistance:
+            raise ValueError(
+                "drag and added mass act on MuJoCo's matrix of inertia, which mj_step makes anew: "
+                "step inside `with buoyancy.installed():`"
+            )
         mujoco.mj_kinematics(model, data)
-        if self._resistance is not None:
-            _update_velocities(model, data)
-            mujoco.mj_passive(model, data)
         self.write(model, data)
 
     @contextmanager
@@ -144,102 +166,76 @@ class Buoyancy:
         """Be part of MuJoCo's passive callback inside a `with` block.
 
         What was installed before is still called, and blocks may overlap in any order and any
-        threads. The rows written are set to zero at the end, in any case; so a loop that steps by
-        mj_step2 and then mj_step1, which uses the forces of the last time, needs `install()` or
-        one block around all of it. Compile models outside: MuJoCo's compiler calls back too and
-        fails with a Python callback set. Warns when no state of the model was seen. Raises
-        ValueError when what the hulls were made from has been changed in the model since.
+        threads. The rows of xfrc_applied keep the last wrenches, as a loop by mj_step2 and
+        mj_step1 needs them. Raises ValueError when what the hulls were made from has been
+        changed in the model. At the end, warns of what is amiss: no state of the model was
+        stepped, or one had forces of your own in the water's rows.
         """
         self._check_unchanged()
-        block = _Block(self)
-        callback.install(block)
+        seen = self._seen()
+        callback.install(self)
         try:
             yield self
-            block.warn_if_nothing_was_seen()
         finally:
-            callback.uninstall(block)
-            block.clear()
+            callback.uninstall(self)
+        self._say(seen)
 
     def install(self) -> None:
-        """Be part of MuJoCo's passive callback until `uninstall()`, as often as that is called; the
-        rows that were written last stay. Raises ValueError as `installed` does."""
+        """Be part of MuJoCo's passive callback until `uninstall()`, as often as that is called.
+        Raises ValueError as `installed` does."""
         self._check_unchanged()
         callback.install(self)
 
     def uninstall(self) -> None:
-        """Undo one `install()`. Raises ValueError when there was none."""
+        """Undo one `install()`. Raises ValueError when there was none, and warns as `installed`
+        does."""
         callback.uninstall(self)
+        self._say(-1)
 
     def wrenches(self, data: mujoco.MjData) -> Array:
         """Wrench of every hull, (H, 6) [N, N m], world axes, torque about its body's centre of
         mass, for the kinematics as they stand in `data`. Writes nothing."""
-        return self._wrenches(State.of(data))
+        wrenches = self._pushed(self.model, data) * self._rate(self.model) ** 2
+        arms = data.geom_xpos[self._geoms] - data.xipos[self._rows]
+        wrenches[:, 3:] += np.cross(arms, wrenches[:, :3])
+        return wrenches
 
     def drag_wrenches(self, data: mujoco.MjData) -> Array:
         """Drag on every body of `bodies`, (B, 6) [N, N m], world axes, torque about its centre
         of mass, for the state in `data`: the force of the water's resistance as such, without
         added mass. Zero where the model asks for none. Updates the kinematics; writes no force."""
-        drags = np.zeros((len(self.bodies), 6))
-        if self._resistance is None:
-            return drags
+        if not self.has_resistance:
+            return np.zeros((len(self.bodies), 6))
         mujoco.mj_kinematics(self.model, data)
-        _update_velocities(self.model, data)
-        places = np.searchsorted(self.bodies, [body.body for body in self._resisted])
-        state = State.of(data)
-        state = state._replace(rows=np.zeros_like(state.rows))
-        drags[places] = self._add_resistance(self.model, state, self._wrenches(state))
-        return drags
-
-    def _wrenches(self, state: "State") -> Array:
-        """Buoyancy (H, 6) of all hulls."""
-        wrenches = np.empty((len(self.floats), 6))
-        time = state.data.time
-        for batch in self._batches:
-            batch.write_wrenches(state.positions, state.rotations, time, wrenches)
-        return wrenches
-
-    def _add_resistance(self, model: mujoco.MjModel, state: "State", buoyancy: Array) -> Array:
-        """Turn the resisted bodies' rows, their buoyancy, into the whole wrench of the water;
-        returns their drag. model: the one that is stepped, maybe a copy with a timestep of its
-        own; buoyancy (H, 6): of all hulls."""
-        s = state
-        return self._resistance.add_resistance(
-            s.positions, s.rotations, s.velocities, s.references, self._gravity, s.applied,
-            s.passive, model.opt.timestep, s.data.time, buoyancy, s.rows,
-        )  # fmt: skip
-
-    def write_into(self, model: mujoco.MjModel, state: "State") -> None:
-        """Write the wrenches for the kinematics as they stand: what the callback does."""
-        started = perf_counter()
-        wrenches = self._wrenches(state)
-        if len(self.bodies) == len(self.floats):
-            state.rows[self._rows] = wrenches
-        else:
-            state.rows[self.bodies] = 0.0
-            np.add.at(state.rows, self._rows, wrenches)
-        if self._resistance is not None:
-            self._add_resistance(model, state, wrenches)
-        with self._counting:
-            self.calls += 1
-            self.seconds += perf_counter() - started
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_comVel(self.model, data)
+        return self.context.drags(self.model, data, self._pushed(self.model, data))
 
     def write(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """`write_into` for a state by itself."""
-        self.write_into(model, State.of(data))
+        """Write what the water does for the kinematics as they stand: a call of the callback."""
+        context = self.context
+        if context.is_native:
+            context.act(model, data)
+            return
+        started = perf_counter_ns()
+        context.write(model, data, self._pushed(model, data))
+        context.add(native.CALLS, 1)
+        context.add(native.NANOSECONDS, perf_counter_ns() - started)
 
-    def note(self, data: mujoco.MjData) -> None:
-        """Nothing: somebody else writes into this state."""
+    def _pushed(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Buoyancy (H, 6) of all hulls about their geoms' places, by the sea's own gravity."""
+        wrenches = np.empty((len(self.floats), 6))
+        if self.context.is_native:
+            self.context.push(model, data, wrenches)
+        else:
+            time = self._rate(model) * data.time
+            for batch in self._batches:
+                batch.write_wrenches(data.geom_xpos, data.geom_xmat, time, wrenches)
+        return wrenches
 
-    def is_copy(self, model: mujoco.MjModel) -> bool:
-        """Whether a model is a copy of the one this was made for, in all that it was made from."""
-        if model.signature != self.model.signature:  # which only the structure decides
-            return False
-        if id(model) not in self._compared:
-            alike = all(
-                bytes(_field(model, name)) == then for name, (_, then) in self._made_from.items()
-            )
-            self._compared[id(model)] = model, alike  # kept alive, or another might have its id
-        return self._compared[id(model)][1]
+    def _rate(self, model: mujoco.MjModel) -> float:
+        """How much faster waves run than under the gravity that the sea was made for."""
+        return float(np.sqrt(-model.opt.gravity[2] / self.sea.gravity))
 
     def _check_unchanged(self) -> None:
         changed = [name for name, (now, then) in self._made_from.items() if bytes(now) != then]
@@ -248,81 +244,41 @@ class Buoyancy:
                 f"the model's {' and '.join(changed)} changed after this Buoyancy was made, which "
                 "does not follow that; make a new one with Buoyancy.from_model(model)"
             )
+        if self.has_resistance:
+            check_solver(self.model)
+
+    def _seen(self) -> int:
+        return self.calls + self.context.counted(native.SEEN)
+
+    def _say(self, seen_before: int) -> None:
+        """Say what a block has left to be said: of models that were refused, by ValueError; of
+        others and of rows that had been somebody else's, by warnings."""
+        context = self.context
+        refused = context.refusal()
+        if refused:
+            raise ValueError(callback.REASONS[refused])
+        if self._seen() == seen_before:
+            strangers = context.counted(native.STRANGERS)
+            warnings.warn(
+                "a block of Buoyancy.installed() ended and no state of its model was stepped in "
+                "it; if another model was, make a Buoyancy for that one"
+                + " (one of the same structure was, with other numbers)"
+                * (strangers > 0),
+                stacklevel=4,
+            )
+        if context.counted(native.OVERWRITTEN):
+            warnings.warn(
+                "xfrc_applied of a floating body was set and is overwritten: these rows are the "
+                "water's; push such a body by qfrc_applied",
+                stacklevel=4,
+            )
+        context.clear(native.STRANGERS, native.OVERWRITTEN)
 
     def __getstate__(self) -> NoReturn:
         raise TypeError(
             "a Buoyancy belongs to its model in this process; pickle the model (or its file) and "
             "make a new one there with Buoyancy.from_model(model)"
         )
-
-
-class State(NamedTuple):
-    """A state's arrays that the water reads, and the rows (nbody, 6) of `xfrc_applied` that it
-    writes. They are MuJoCo's own; asking for them costs more than using them."""
-
-    data: mujoco.MjData
-    rows: Array
-    positions: Array
-    rotations: Array
-    velocities: Array
-    references: Array
-    applied: Array
-    passive: Array
-
-    @classmethod
-    def of(cls, data: mujoco.MjData) -> "State":
-        return cls(
-            data, data.xfrc_applied, data.xipos, data.ximat, data.cvel, data.subtree_com,
-            data.qfrc_applied, data.qfrc_passive,
-        )  # fmt: skip
-
-
-class _Block:
-    """A Buoyancy inside a `with` block: it knows the states that it has written into."""
-
-    def __init__(self, buoyancy: Buoyancy) -> None:
-        self.model, self._buoyancy = buoyancy.model, buoyancy
-        self._written: dict[int, State] = {}
-
-    def write(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        state = self._written.get(id(data))
-        if state is None:
-            state = self._written[id(data)] = State.of(data)
-            self._warn_of_overwriting(state)
-        self._buoyancy.write_into(model, state)
-
-    def note(self, data: mujoco.MjData) -> None:
-        self._written.setdefault(id(data), State.of(data))
-
-    def is_copy(self, model: mujoco.MjModel) -> bool:
-        return self._buoyancy.is_copy(model)
-
-    def _warn_of_overwriting(self, state: State) -> None:
-        """Of rows that somebody else has set, unless it may have been an outer block."""
-        if callback.is_alone(self) and state.rows[self._buoyancy.bodies].any():
-            warnings.warn(
-                "xfrc_applied of a floating body was set and is overwritten: these rows are the "
-                "water's; push such a body by qfrc_applied",
-                stacklevel=2,
-            )
-
-    def warn_if_nothing_was_seen(self) -> None:
-        if not self._written:
-            warnings.warn(
-                "a block of Buoyancy.installed() ended and no state of its model was stepped in "
-                "it; if another model was, make a Buoyancy for that one",
-                stacklevel=4,
-            )
-
-    def clear(self) -> None:
-        """Set the rows that were written to zero."""
-        for state in list(self._written.values()):  # a thread may be late
-            state.rows[self._buoyancy.bodies] = 0.0
-
-
-def _field(model: mujoco.MjModel, name: str) -> Any:
-    """A field of a model, or of its options: an array that shows what is there now, or bytes."""
-    return getattr(model.opt if name == "gravity" else model, name)
 
 
 def _whole(threads: float) -> int:
@@ -341,23 +297,6 @@ def _batches(floats: Sequence[FloatingGeom], threads: int) -> list[Batch]:
     for i, f in enumerate(floats):
         by_class.setdefault(type(f.method), []).append((i, f))
     return [
-        kind.batch([f.method for _, f in members], [Place(f.body, i) for i, f in members], threads)
+        kind.batch([f.method for _, f in members], [Place(f.geom, i) for i, f in members], threads)
         for kind, members in by_class.items()
     ]
-
-
-def _resisted_body(
-    model: mujoco.MjModel, body: int, floats: Sequence[FloatingGeom]
-) -> ResistedBody:
-    """A body with drag, as the model describes it."""
-    axes = frame_rotation(model.body_iquat[body]).T
-    return ResistedBody(
-        body=body,
-        root=int(model.body_rootid[body]),
-        dof=int(model.body_dofadr[body]) if is_free(model, body) else -1,
-        mass=float(model.body_mass[body]),
-        inertia=model.body_inertia[body].copy(),
-        origin=-axes @ model.body_ipos[body],
-        axes=axes,
-        hulls=[(i, f.drag) for i, f in enumerate(floats) if f.body == body],
-    )

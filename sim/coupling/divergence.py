@@ -105,7 +105,7 @@ def _is_driven(scene: Scene) -> bool:
         or model.nmocap
         or model.jnt_stiffness.any()
         or data.qfrc_applied.any()
-        or data.xfrc_applied.any()
+        or np.delete(data.xfrc_applied, scene.buoyancy.bodies, axis=0).any()
     )
 
 
@@ -123,8 +123,9 @@ def body_energies(scene: Scene) -> Array:
     own = np.einsum("bij,bi->bj", axes, angular)
     energies = 0.5 * (model.body_mass * (linear**2).sum(1) + (model.body_inertia * own**2).sum(1))
     energies += model.body_mass * sea.gravity * data.xipos[:, 2]
-    for hull, bodies in _bodies_of_hulls(scene.buoyancy.floats):
-        depths, ups = sea.level - data.xipos[bodies, 2], axes[bodies, 2]
+    for hull, floats in _of_each_hull(scene.buoyancy.floats):
+        geoms, bodies = [f.geom for f in floats], [f.body for f in floats]
+        depths, ups = sea.level - data.geom_xpos[geoms, 2], data.geom_xmat[geoms, 6:]
         rises = ups @ hull.vertices.T
         lows, highs = depths - rises.min(axis=1), depths - rises.max(axis=1)
         shares = np.clip(lows / (lows - highs), 0.0, 1.0)
@@ -133,11 +134,13 @@ def body_energies(scene: Scene) -> Array:
     return energies
 
 
-def _bodies_of_hulls(floats: Sequence[FloatingGeom]) -> Iterable[tuple[Hull, list[int]]]:
-    """Each hull, equal ones being one object, and the ids of the bodies that have it."""
-    found: dict[int, tuple[Hull, list[int]]] = {}
+def _of_each_hull(
+    floats: Sequence[FloatingGeom],
+) -> Iterable[tuple[Hull, list[FloatingGeom]]]:
+    """Each hull, equal ones being one object, and the geoms that have it."""
+    found: dict[int, tuple[Hull, list[FloatingGeom]]] = {}
     for f in floats:
-        found.setdefault(id(f.method.hull), (f.method.hull, []))[1].append(f.body)
+        found.setdefault(id(f.method.hull), (f.method.hull, []))[1].append(f)
     return found.values()
 
 
@@ -209,7 +212,7 @@ def _too_long_a_timestep(scene: Scene, body: int) -> str:
     area, mass = 0.0, float(model.body_mass[body])
     for f in scene.buoyancy.floats:
         if f.body == body:
-            vertical = scene.data.ximat[body].reshape(3, 3)[2]
+            vertical = scene.data.geom_xmat[f.geom].reshape(3, 3)[2]
             area += 0.5 * float(np.abs(f.method.hull.area_vectors @ vertical).sum())
             if f.drag is not None and f.drag.added_mass is not None:
                 mass += 0.5 * float(np.trace(f.drag.added_mass[:3, :3])) / 3.0

@@ -22,9 +22,10 @@ from sim.coupling.custom_fields import (
     refuse_unknown,
     texts_of,
 )
-from sim.coupling.primitives import geom_hull
+from sim.coupling.primitives import frame_rotation, geom_hull, geom_in_inertial_frame
 from sim.hull import Hull
 from sim.methods import Method, Settings, make_method
+from sim.resistance.added_mass import added_mass_matrix
 from sim.resistance.drag import Drag, DragCoefficients
 from sim.water.sea import Sea
 from sim.water.spectrum import jonswap
@@ -39,11 +40,12 @@ DEFAULT_METHOD = "patches"
 
 @dataclass(frozen=True)
 class FloatingGeom:
-    """A geom that the water pushes: its name, its body's id, the method that knows its wrench, and
-    its drag and added mass, if the model asks for them; the hull of both is given in the body's
-    inertial frame (xipos, ximat)."""
+    """A geom that the water pushes: its name and id, its body's id, the method that knows its
+    wrench, and its drag and added mass, if the model asks for them; the hull of both is given in
+    the geom's frame (geom_xpos, geom_xmat)."""
 
     name: str
+    geom: int
     body: int
     method: Method
     drag: Drag | None = None
@@ -86,7 +88,9 @@ def read_model(
             raise ValueError(f"{source}: {error}") from None
         known[same] = made
         drag = _read_drag(model, numerics, g, hull, sea)
-        floats.append(FloatingGeom(name, int(model.geom_bodyid[g]), made, drag))
+        floats.append(FloatingGeom(name, g, int(model.geom_bodyid[g]), made, drag))
+    if any(f.drag for f in floats):
+        check_solver(model)
     threads = float(numerics.get("buoyancy_threads", [1.0])[0])
     return Floating(sea, tuple(floats), threads)
 
@@ -114,6 +118,20 @@ def _check_physics(model: mujoco.MjModel) -> None:
         raise ValueError(
             "option flags spring and damper are both disabled: MuJoCo then never calls "
             "mjcb_passive and nothing would float; enable one of them"
+        )
+
+
+def check_solver(model: mujoco.MjModel) -> None:
+    """Refuse solvers whose matrix of contacts is made before drag and added mass are known."""
+    found = ""
+    if model.opt.solver == mujoco.mjtSolver.mjSOL_PGS:
+        found = "option solver is PGS"
+    elif model.opt.noslip_iterations > 0:
+        found = f"option noslip_iterations is {model.opt.noslip_iterations}"
+    if found:
+        raise ValueError(
+            f"{found}: contacts would not feel drag and added mass; set solver to Newton or CG and "
+            "noslip_iterations to 0"
         )
 
 
@@ -223,35 +241,60 @@ def _read_drag(
     added_mass = values["added_mass"]
     if not strengths.any() and (added_mass is None or not added_mass.any()):
         return None
-    _check_added_mass_place(model, geom, sources["added_mass"], added_mass)
     try:
+        if added_mass is not None:
+            added_mass = _added_mass(model, geom, hull, sea, added_mass)
         return Drag(hull, sea, DragCoefficients(*strengths), added_mass)
     except ValueError as error:
         asked = " and ".join(f"'{s}'" for s in sources.values() if s in numerics)
         raise ValueError(f"custom numeric {asked}: {error}") from None
 
 
-def is_free(model: mujoco.MjModel, body: int) -> bool:
-    """Whether a body is alone on a free joint."""
-    root = int(model.body_rootid[body])
-    joint = int(model.body_jntadr[body])
-    return (
-        root == body
-        and joint >= 0
-        and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
-        and np.count_nonzero(model.body_rootid == root) == 1
-    )
-
-
-def _check_added_mass_place(
-    model: mujoco.MjModel, geom: int, numeric: str, added_mass: NDArray[np.float64] | None
-) -> None:
+def _added_mass(
+    model: mujoco.MjModel, geom: int, hull: Hull, sea: Sea, given: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Added mass (6, 6) in a geom's frame, from what is given along the axes and about the origin
+    of its body's inertial frame."""
     body = int(model.geom_bodyid[geom])
-    if added_mass is None or not added_mass.any() or is_free(model, body):
+    place, turn = geom_in_inertial_frame(model, geom)
+    in_body = Hull(hull.vertices @ turn.T + place, hull.faces)
+    matrix = added_mass_matrix(in_body, sea.density, given)
+    _check_room(model, body, matrix)
+    move = np.zeros((6, 6))  # twist of the body's frame from that of the geom's
+    x, y, z = place
+    arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    move[:3, :3] = move[3:, 3:] = turn
+    move[:3, 3:] = arm @ turn  # v - omega x place
+    return move.T @ matrix @ move
+
+
+def moving_dofs(model: mujoco.MjModel, body: int) -> list[int]:
+    """The degrees of freedom that move a body, in ascending order."""
+    while body > 0 and model.body_dofnum[body] == 0:
+        body = int(model.body_parentid[body])
+    dof, found = int(model.body_dofadr[body] + model.body_dofnum[body]) - 1, []
+    while dof >= 0:
+        found.insert(0, dof)
+        dof = int(model.dof_parentid[dof])
+    return found
+
+
+def _check_room(model: mujoco.MjModel, body: int, matrix: NDArray[np.float64]) -> None:
+    """Refuse an added mass (6, 6), in the body's inertial frame, that MuJoCo's matrix of inertia
+    has no place for: of a simple body it keeps the diagonal alone."""
+    if model.body_simple[body] == 0:
         return
-    raise ValueError(
-        f"custom numeric '{numeric}' gives geom '{model.geom(geom).name}' an added mass, but its "
-        f"body '{model.body(body).name}' is not alone on a free joint, and what its joints carry "
-        "is not known when the water's push is; give added mass to free bodies only "
-        "(added_mass_<geom>), or this geom six zeros"
-    )
+    if model.jnt_type[model.body_jntadr[body]] == mujoco.mjtJoint.mjJNT_FREE:
+        allowed = np.diag(np.diag(matrix))  # world axes for the first three, so alike along all
+        allowed[:3, :3] = np.mean(np.diag(matrix)[:3]) * np.eye(3)
+        rest = matrix - allowed
+    else:  # slides
+        axes = model.jnt_axis[model.jnt_bodyid == body] @ frame_rotation(model.body_iquat[body])
+        rest = axes @ matrix[:3, :3] @ axes.T
+        rest -= np.diag(np.diag(rest))
+    if np.abs(rest).max() > 1e-9 * np.abs(matrix).max():
+        raise ValueError(
+            f"MuJoCo keeps only the diagonal of the inertia of body '{model.body(body).name}', and "
+            "this added mass is not the same along all axes: put an empty <body/> inside that "
+            "body, then the whole matrix has room"
+        )

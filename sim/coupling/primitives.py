@@ -25,7 +25,7 @@ ROUND_SECTIONS = 64
 
 
 def geom_hull(model: mujoco.MjModel, geom: int) -> Hull:
-    """Hull of a geom, in its body's inertial frame."""
+    """Hull of a geom, in its own frame."""
     kind = GeomType(int(model.geom_type[geom]))
     label = f"geom '{model.geom(geom).name}'"
     if kind == GeomType.mjGEOM_MESH:
@@ -40,14 +40,18 @@ def geom_hull(model: mujoco.MjModel, geom: int) -> Hull:
             f"{label} is a {kind.name.removeprefix('mjGEOM_').lower()}, which has no closed "
             "surface; use a mesh, box, sphere, capsule, cylinder or ellipsoid"
         )
-    body = int(model.geom_bodyid[geom])
-    geom_rotation = frame_rotation(model.geom_quat[geom])
-    inertial_rotation = frame_rotation(model.body_iquat[body])
-    in_body = vertices @ geom_rotation.T + model.geom_pos[geom]
     try:
-        return Hull((in_body - model.body_ipos[body]) @ inertial_rotation, faces)
+        return Hull(vertices, faces)
     except ValueError as error:
         raise ValueError(f"{label}: {error}") from None
+
+
+def geom_in_inertial_frame(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
+    """Position (3,) [m] and rotation (3, 3) of a geom in its body's inertial frame."""
+    body = int(model.geom_bodyid[geom])
+    axes = frame_rotation(model.body_iquat[body]).T
+    place = axes @ (model.geom_pos[geom] - model.body_ipos[body])
+    return place, axes @ frame_rotation(model.geom_quat[geom])
 
 
 def frame_rotation(quaternion: Array) -> Array:

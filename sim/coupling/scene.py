@@ -73,4 +73,4 @@ class Scene:
         spare = mujoco.MjData(self.model)
         with self.buoyancy.installed():
             mujoco.mj_forward(self.model, spare)
-        self.buoyancy.calls, self.buoyancy.seconds = 0, 0.0
+        self.buoyancy.reset_clock()

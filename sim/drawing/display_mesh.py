@@ -36,16 +36,17 @@ VIVID = 0.55, 0.75
 class DisplayMesh:
     """A hull's drawn surface.
 
-    name, body: of its geom, the id of its body; rgba: (4,) in 0 ... 255; size [m]: diagonal of
-    the hull's box; edge [m]: no drawn edge is longer; vertices: where its own are among
-    those of all of them.
+    name, geom, body: of its geom, the ids of that and its body; rgba: (4,) in 0 ... 255; size [m]:
+    diagonal of the hull's box; edge [m]: no drawn edge is longer; vertices: where its own are
+    among those of all of them.
 
-    What is drawn: corners (N, 3) [m] in the body's inertial frame, corner_normals (N, 3),
+    What is drawn: corners (N, 3) [m] in the geom's frame, corner_normals (N, 3),
     corner_faces (F, 3), and corner_vertices (N,), the vertex at each corner, counted from 0 in
     this hull. Vertices on sharp edges have several corners.
     """
 
     name: str
+    geom: int
     body: int
     rgba: Array
     size: float
@@ -71,9 +72,9 @@ class DisplayMeshes:
         faces, count = [], 0
         for f in buoyancy.floats:
             mesh, vertices, own_faces = _display_mesh(buoyancy, f, count, hue)
-            body = buoyancy.model.body(f.body)
+            geom = buoyancy.model.geom(f.geom)
             self._meshes.append(mesh)
-            self._in_body.append(vertices @ rotation_matrix(body.iquat).T + body.ipos)
+            self._in_body.append(vertices @ rotation_matrix(geom.quat).T + geom.pos)
             faces.append(own_faces + count)
             count = mesh.vertices.stop
         self.faces = np.concatenate(faces)
@@ -110,6 +111,7 @@ def _display_mesh(
     corner_vertices, corner_faces, normals = shaded_corners(vertices, faces)
     mesh = DisplayMesh(
         name=geom.name,
+        geom=geom.geom,
         body=geom.body,
         rgba=255.0 * with_hue_turned(buoyancy.model.geom(geom.name).rgba, hue),
         size=float(np.linalg.norm(sides)),

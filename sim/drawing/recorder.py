@@ -125,7 +125,7 @@ class SceneWriter:
 
     def _log_static_surfaces(self) -> None:
         for mesh in self._artist.meshes:
-            body = self.scene.model.body(mesh.body)
+            geom = self.scene.model.geom(mesh.geom)
             albedo = (
                 np.array([255.0, 255.0, 255.0, mesh.rgba[3]])
                 if self._artist.is_shaded
@@ -133,7 +133,7 @@ class SceneWriter:
             )
             self._output.log(
                 self._entity(mesh),
-                rr.Transform3D(translation=body.ipos, quaternion=np.roll(body.iquat, -1)),
+                rr.Transform3D(translation=geom.pos, quaternion=np.roll(geom.quat, -1)),
                 rr.Mesh3D(
                     vertex_positions=mesh.corners,
                     triangle_indices=mesh.corner_faces,

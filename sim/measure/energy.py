@@ -18,8 +18,8 @@ def potential_energy(scene: Scene) -> float:
     total = float(model.body_mass @ (data.xipos[:, 2] - sea.level)) * sea.gravity
     for f in scene.buoyancy.floats:
         hull = f.method.hull
-        up = data.ximat[f.body].reshape(3, 3)[2]
-        depth = (sea.level - hull.vertices @ up - data.xipos[f.body, 2])[hull.faces]
+        up = data.geom_xmat[f.geom].reshape(3, 3)[2]
+        depth = (sea.level - hull.vertices @ up - data.geom_xpos[f.geom, 2])[hull.faces]
         wet = depth > 0.0
         odd = np.argmax(wet == (wet.sum(axis=1) == 1)[:, None], axis=1)
         d, e, c = (depth[np.arange(len(depth)), (odd + i) % 3] for i in range(3))

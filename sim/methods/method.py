@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.hull import Hull
-from sim.kernels import record
+from sim.kernels import address_of, record
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -45,8 +45,21 @@ class Place:
     row: int
 
 
+class NativePart(NamedTuple):
+    """Hulls of one method for C code: the address of a kernel of `Compiled`, its block, its
+    places."""
+
+    kernel: int
+    block: Block
+    places: Table
+
+
 class Batch(ABC):
     """Many hulls of methods of one class."""
+
+    def native(self) -> list[NativePart] | None:
+        """The same for C code, or None where only the interpreter can do it."""
+        return None
 
     @abstractmethod
     def write_wrenches(
@@ -186,6 +199,16 @@ class Shared(Batch):
         for helper in helping:
             if not helper.cancel():  # one that comes too late is not waited for
                 helper.result()
+
+    def native(self) -> list[NativePart] | None:
+        """Compiles the kernel. Threads are the interpreter's."""
+        if self._helpers:
+            return None
+        positions, rotations, wrenches = np.empty((1, 3)), np.empty((1, 9)), np.empty((1, 6))
+        return [
+            NativePart(address_of(self._kernel, *part, positions, rotations, 0.0, wrenches), *part)
+            for part in self._parts
+        ]
 
     def _executor(self) -> ThreadPoolExecutor:
         """The helpers: in a forked process none of its parent's are alive."""

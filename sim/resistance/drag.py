@@ -16,8 +16,8 @@ L being the cube root of the hull's volume. The three coefficients are dimension
 and the cheap alternative, a uniform rate [1/s] at which angular momentum I omega decays
 (fully submerged). Every term opposes u: it never does work on the motion relative to the water.
 
-Drag may be strong and bodies light; the step that bears it is in `implicit`, how the water itself
-moves in `water.motion`.
+Drag may be strong and bodies light; what bears that is in `reaction`, how the water itself moves in
+`water.motion`.
 
 Sources: Morison et al. 1950 and Faltinsen 1990 for the splitting into terms; Newman 1977 for
 the wave damping; Kerner 2015 (Water interaction model for boats in video games) for drag summed
@@ -26,6 +26,7 @@ over a hull's facets.
 
 import heapq
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -80,6 +81,21 @@ FORCES = record(
 
 - dF/du = across n n^T + along t t^T + rub 1,    t the tangential velocity, `skin`.
 """
+
+
+class Flow(NamedTuple):
+    """The water at an instant, as kernels take it: WAVE rows, WATER, time [s]."""
+
+    waves: Table
+    water: Table
+    time: float
+
+
+class Pose(NamedTuple):
+    """A hull's frame in the world: position (3,) [m], rotation (9,), hull -> world."""
+
+    position: Array
+    rotation: Array
 
 
 @dataclass(frozen=True)
@@ -380,21 +396,19 @@ def add_damping(surface, strength, forces, factor, damping_out):
 
 
 @kernel
-def add_hull_drag(
-    surface, strength, waves, water, position, rotation, velocity, time, factor,
-    wrench_out, damping_out,
-):  # fmt: skip
+def add_hull_drag(surface, strength, flow, pose, velocity, factor, wrench_out, damping_out):
     """Add a hull's drag to a wrench (6,) and factor * - d wrench / d velocity to the lower triangle
     of damping (6, 6): these and velocity (6,) along the axes of the hull frame."""
+    waves, water, time = flow
     places, wetted, forces = np.empty(1, PLACES), np.empty(1, WETTED), np.empty(1, FORCES)
     guess, labels, velocities = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, VELOCITIES)
     heights = np.empty(ELEMENTS)
-    place_elements(surface, position, rotation, places, guess)
+    place_elements(surface, pose.position, pose.rotation, places, guess)
     solve_elements(strength, places, guess, waves, time, heights, labels)
     if wet_areas(surface, places, heights, water[0].level, wetted) == 0.0:
         return
     element_velocities(wetted, waves, time, labels, velocities)
-    element_forces(surface, strength, wetted, rotation, velocity, velocities, forces)
+    element_forces(surface, strength, wetted, pose.rotation, velocity, velocities, forces)
     add_forces(surface, forces, wrench_out)
     add_damping(surface, strength, forces, factor, damping_out)
 
@@ -403,10 +417,7 @@ def add_hull_drag(
 def write_drag(block, position, rotation, velocity, time, wrench_out):
     """A single hull's drag (6,), all along the axes of its frame."""
     surface, strength = table(block, 0, SURFACE), table(block, 1, STRENGTH)
-    waves, water = table(block, 2, WAVE), table(block, 3, WATER)
-    damping = np.zeros((6, 6))
+    flow = Flow(table(block, 2, WAVE), table(block, 3, WATER), time)
+    pose, damping = Pose(position, rotation), np.zeros((6, 6))
     wrench_out[:] = 0.0
-    add_hull_drag(
-        surface[0], strength[0], waves, water, position, rotation, velocity, time, 1.0,
-        wrench_out, damping,
-    )  # fmt: skip
+    add_hull_drag(surface[0], strength[0], flow, pose, velocity, 1.0, wrench_out, damping)

@@ -1,0 +1,190 @@
+"""Addresses: arrays, functions and counters at places in memory, for kernels that C code calls.
+
+An address is a whole number. Nothing here is checked: whoever hands over an address vouches for
+what is there, and that it stays until the kernel has ended. Arrays made here own nothing.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import llvmlite.binding
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array, populate_array
+
+WORD = ir.IntType(64)
+
+
+def _pointer(builder: ir.IRBuilder, address: ir.Value, kind: ir.Type) -> ir.Value:
+    return builder.inttoptr(address, kind.as_pointer())
+
+
+def _array_at(element: types.Type, readonly: bool) -> Callable[..., Any]:
+    """An intrinsic (address, shape) -> array of elements of a type, in C order."""
+
+    @intrinsic
+    def array_at(typingctx, address, shape):
+        kind = types.Array(element, len(shape), "C", readonly=readonly)
+
+        def codegen(context, builder, signature, args):
+            array = make_array(kind)(context, builder)
+            data_type = context.get_data_type(element)
+            itemsize = context.get_constant(types.intp, context.get_abi_sizeof(data_type))
+            sizes = cgutils.unpack_tuple(builder, args[1])
+            strides, step = [], itemsize
+            for size in sizes[::-1]:
+                strides.insert(0, step)
+                step = builder.mul(step, size)
+            data = _pointer(builder, args[0], data_type)
+            populate_array(array, data, sizes, strides, itemsize, meminfo=None)
+            return impl_ret_borrowed(context, builder, kind, array._getvalue())
+
+        return kind(types.int64, types.UniTuple(types.int64, len(shape))), codegen
+
+    return array_at
+
+
+floats_at = _array_at(types.float64, readonly=False)
+"""Doubles at an address, in an array of a shape."""
+
+words_at = _array_at(types.int64, readonly=False)
+"""Whole numbers of 8 bytes at an address."""
+
+integers_at = _array_at(types.int32, readonly=True)
+"""C's integers at an address, read-only."""
+
+bytes_at = _array_at(types.uint8, readonly=True)
+"""Bytes at an address, read-only, as a block (`kernels.packed`) has them."""
+
+
+@intrinsic
+def word_at(typingctx, address):
+    """The 8 bytes at an address as a whole number: another address, or a size."""
+
+    def codegen(context, builder, signature, args):
+        return builder.load(_pointer(builder, args[0], WORD))
+
+    return types.int64(types.int64), codegen
+
+
+@intrinsic
+def float_at(typingctx, address):
+    """The double at an address."""
+
+    def codegen(context, builder, signature, args):
+        return builder.load(_pointer(builder, args[0], ir.DoubleType()))
+
+    return types.float64(types.int64), codegen
+
+
+@intrinsic
+def atomic_add(typingctx, address, amount):
+    """Add to the whole number at an address, whatever other threads do; returns what it was."""
+
+    def codegen(context, builder, signature, args):
+        return builder.atomic_rmw("add", _pointer(builder, args[0], WORD), args[1], "seq_cst")
+
+    return types.int64(types.int64, types.int64), codegen
+
+
+@intrinsic
+def atomic_claim(typingctx, address, value):
+    """Put a value to an address where 0 stands, as one of many threads; returns what was there."""
+
+    def codegen(context, builder, signature, args):
+        place = _pointer(builder, args[0], WORD)
+        found = builder.cmpxchg(place, WORD(0), args[1], "seq_cst", "seq_cst")
+        return builder.extract_value(found, 0)
+
+    return types.int64(types.int64, types.int64), codegen
+
+
+def _call(returned: types.Type) -> Callable[..., Any]:
+    """An intrinsic (address, arguments) that calls the C function at an address with a tuple of
+    whole numbers."""
+
+    @intrinsic
+    def call_at(typingctx, address, arguments):
+        def codegen(context, builder, signature, args):
+            result = ir.VoidType() if returned is types.none else WORD
+            kind = ir.FunctionType(result, [WORD] * len(arguments))
+            function = _pointer(builder, args[0], kind)
+            found = builder.call(function, cgutils.unpack_tuple(builder, args[1]))
+            return context.get_dummy_value() if returned is types.none else found
+
+        return returned(types.int64, types.UniTuple(types.int64, len(arguments))), codegen
+
+    return call_at
+
+
+call = _call(types.none)
+"""Call a C function that has no result."""
+
+ask = _call(types.int64)
+"""Call a C function whose result is a whole number or an address."""
+
+
+@intrinsic
+def nanoseconds(typingctx, address, number):
+    """What the C library's clock_gettime, at an address, says of its clock of a number."""
+
+    def codegen(context, builder, signature, args):
+        fields = cgutils.alloca_once(builder, WORD, size=2)
+        half = ir.IntType(32)
+        read = _pointer(builder, args[0], ir.FunctionType(half, [half, fields.type]))
+        builder.call(read, [builder.trunc(args[1], half), fields])
+        second = builder.gep(fields, [WORD(1)])
+        seconds = builder.mul(builder.load(fields), WORD(10**9))
+        return builder.add(seconds, builder.load(second))
+
+    return types.int64(types.int64, types.int64), codegen
+
+
+@intrinsic
+def call_kernel(typingctx, address, block, items, positions, rotations, time, rows):
+    """Call the kernel of a method (see `methods.method.Compiled`) that is at an address."""
+    arguments = (block, items, positions, rotations, types.float64, rows)
+
+    def codegen(context, builder, signature, args):
+        kind = context.call_conv.get_function_type(types.none, arguments)
+        function = _pointer(builder, args[0], kind)
+        context.call_conv.call_function(builder, function, types.none, arguments, args[1:])
+        return context.get_dummy_value()
+
+    return types.none(types.int64, *arguments), codegen
+
+
+@intrinsic
+def records_at(typingctx, address, count, size):
+    """So many records of a size at an address, for `call_kernel`, whose kernel knows their type."""
+    kind = types.Array(types.Record.make_c_struct([("_", types.int64)]), 1, "C", readonly=True)
+
+    def codegen(context, builder, signature, args):
+        array = make_array(kind)(context, builder)
+        data = _pointer(builder, args[0], context.get_data_type(kind.dtype))
+        populate_array(array, data, [args[1]], [args[2]], args[2], meminfo=None)
+        return impl_ret_borrowed(context, builder, kind, array._getvalue())
+
+    return kind(types.int64, types.int64, types.int64), codegen
+
+
+def named_word(name: str, address: int) -> Callable[[], int]:
+    """An intrinsic that gives an address by a name, under which kernels that are kept from one
+    process to the next find it again; both have to be told before such a kernel is loaded."""
+    llvmlite.binding.add_symbol(name, address)
+
+    @intrinsic
+    def word(typingctx):
+        def codegen(context, builder, signature, args):
+            place = builder.module.globals.get(name)
+            if place is None:
+                place = ir.GlobalVariable(builder.module, WORD, name)
+                place.linkage = "external"
+            return builder.ptrtoint(place, WORD)
+
+        return types.int64(), codegen
+
+    return word

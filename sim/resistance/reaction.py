@@ -1,0 +1,128 @@
+"""Reaction: all that a moving hull meets besides buoyancy, as a wrench and a matrix of inertia.
+
+Added mass is the water that a hull has to accelerate with itself: A, 6 x 6, times the submerged
+fraction f. By Kirchhoff's equations, in axes that turn with the hull and with nu = (u, omega)
+relative to the water at the hull's centroid, which itself moves at v_w and accelerates by a_w,
+
+    F_added = - f A (nu_dot - (a_w - omega x v_w, 0)) - (omega x p, omega x l + u x p),
+    (p, l) = f A nu,    nu_dot the rate, in these axes, of the hull's own velocity.
+
+nu_dot is J qacc + J_dot qvel: the first term belongs to the matrix of inertia, and so does the
+damping: explicit in time, strong drag (see `drag`) would throw a light hull out of the water, and
+with (M + J^T (f A + h C) J) qacc = forces, C = - dF_drag/dv >= 0, a step is the linearly implicit
+Euler method (Hairer and Wanner 1996, IV.7), which bears any drag at any timestep h.
+
+- the water that enters or leaves the added mass as f changes carries no momentum (no slamming)
+- with drag a step is of first order, in RK4 too: each of its stages takes the whole timestep
+  (added mass alone does not lower the order)
+
+Source: Newman 1977 for Kirchhoff's equations.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.geometry import cross
+from sim.kernels import inline, kernel, record
+from sim.resistance.drag import STRENGTH, Drag, add_hull_drag
+from sim.water.motion import water_motion
+
+Array = NDArray[np.float64]
+
+HULL = record(
+    surface="i8", has_drag="i8", has_added_mass="i8", strength=STRENGTH,
+    whole="f8", rate="f8", centroid=("f8", 3), added_mass=("f8", (6, 6)),
+)  # fmt: skip
+"""A hull with drag or added mass: its drag's elements, the buoyancy [N] when it is submerged, and
+the rate [1/s] at which it takes angular momentum from its body."""
+
+REACTION = record(drag=("f8", 6), inertia=("f8", 6), matrix=("f8", (6, 6)))
+"""Workspace: wrenches of drag, and of added mass less its matrix times J qacc; lower triangle of
+that matrix with the damping, f A + h C."""
+
+
+class Motion(NamedTuple):
+    """How a hull moves, in its own axes, at its frame's origin: velocity (6,) and that part of its
+    rate (6,) which is no acceleration of joints, J_dot qvel: linear, then angular."""
+
+    velocity: Array
+    bias: Array
+
+
+def hull_row(surface: int, drag: Drag, volume: float) -> tuple[object, ...]:
+    """A Drag as a HULL, with the elements of a number; volume [m^3]: of all its body's hulls with
+    drag, which share the decay of angular momentum."""
+    has_added_mass = drag.added_mass is not None
+    return (
+        surface, drag.has_surface_drag, has_added_mass, drag.strength[0],
+        drag.sea.density * drag.sea.gravity * drag.hull.volume,
+        drag.coefficients.angular * drag.hull.volume / volume, drag.hull.centroid,
+        drag.added_mass if has_added_mass else np.zeros((6, 6)),
+    )  # fmt: skip
+
+
+@inline
+def turned_back(rotation, vector, first):
+    """A vector of three numbers from `first` on, from world axes into those of rotation (9,)."""
+    r, x, y, z = rotation, vector[first], vector[first + 1], vector[first + 2]
+    return (
+        r[0] * x + r[3] * y + r[6] * z,
+        r[1] * x + r[4] * y + r[7] * z,
+        r[2] * x + r[5] * y + r[8] * z,
+    )
+
+
+@kernel
+def add_momentum(velocity, momentum, wrench_out):
+    """Add Kirchhoff's terms for a velocity (6,) and a momentum (6,), in the hull's own axes."""
+    u, w, p, m = velocity[:3], velocity[3:], momentum[:3], momentum[3:]
+    fx, fy, fz = cross(w[0], w[1], w[2], p[0], p[1], p[2])
+    tx, ty, tz = cross(w[0], w[1], w[2], m[0], m[1], m[2])
+    mx, my, mz = cross(u[0], u[1], u[2], p[0], p[1], p[2])
+    wrench_out[0] -= fx
+    wrench_out[1] -= fy
+    wrench_out[2] -= fz
+    wrench_out[3] -= tx + mx
+    wrench_out[4] -= ty + my
+    wrench_out[5] -= tz + mz
+
+
+@kernel
+def add_added_mass(fraction, hull, pose, motion, water, reaction_out):
+    """Add a hull's added mass. water (6,): velocity and acceleration of the water at its centroid,
+    world axes."""
+    velocity, known, momentum = motion.velocity.copy(), -motion.bias, np.zeros(6)
+    vx, vy, vz = turned_back(pose.rotation, water, 0)
+    ax, ay, az = turned_back(pose.rotation, water, 3)
+    tx, ty, tz = cross(velocity[3], velocity[4], velocity[5], vx, vy, vz)
+    known[0], known[1], known[2] = known[0] + ax - tx, known[1] + ay - ty, known[2] + az - tz
+    velocity[0], velocity[1], velocity[2] = velocity[0] - vx, velocity[1] - vy, velocity[2] - vz
+    for i in range(6):
+        for j in range(6):
+            a = fraction * hull.added_mass[i, j]
+            reaction_out.matrix[i, j] += a
+            momentum[i] += a * velocity[j]
+            reaction_out.inertia[i] += a * known[j]
+    add_momentum(velocity, momentum, reaction_out.inertia)
+
+
+@kernel
+def hull_reaction(hull, surfaces, flow, pose, motion, factor, fraction, reaction_out):
+    """What a hull meets, all in its own axes about its own origin, into a REACTION's row, but for
+    the decay of angular momentum. factor: that of the damping in the matrix; fraction: how much of
+    the hull is submerged."""
+    reaction_out.drag[:], reaction_out.inertia[:], reaction_out.matrix[:] = 0.0, 0.0, 0.0
+    if hull.has_drag:
+        add_hull_drag(
+            surfaces[hull.surface], hull.strength, flow, pose, motion.velocity, factor,
+            reaction_out.drag, reaction_out.matrix,
+        )  # fmt: skip
+    if hull.has_added_mass:
+        point, water = pose.position.copy(), np.empty(6)
+        for i in range(3):
+            for j in range(3):
+                point[i] += pose.rotation[3 * i + j] * hull.centroid[j]
+        water_motion(point, flow.waves, flow.water, flow.time, water)
+        add_added_mass(fraction, hull, pose, motion, water, reaction_out)
