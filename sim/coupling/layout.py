@@ -24,7 +24,7 @@ DATA = (
 """The fields that kernels read, of mjOption, mjModel and mjData."""
 
 LAYOUT = record(**{name: "i8" for name in OPTIONS + MODEL + DATA})
-"""The offsets; those of options count from the model's start, as those of its sizes do (to narena)."""
+"""The offsets in bytes; those of options count from where the model begins."""
 
 SIZES = {
     "int": 4, "float": 4, "char": 1, "mjtNum": 8, "mjtByte": 1, "mjtBool": 1, "mjtSize": 8,
