@@ -2,7 +2,7 @@
 
 import ctypes
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -25,7 +25,7 @@ Table = NDArray[np.void]
 
 CLOCK_MONOTONIC = getattr(time, "CLOCK_MONOTONIC", 0)
 
-PROBED_VERTICES = 16
+PROBED_VERTICES = 4
 """Of each mesh, spread over it: enough for another or a scaled mesh to be noticed."""
 
 _marks = np.zeros(native.MARKS)
@@ -174,7 +174,7 @@ def probes_of(
 ) -> tuple[Table, NDArray[np.uint8]]:
     """PROBE rows of a model as it is, and the bytes that they find."""
     places, rows, expected = offsets(), [], []
-    for name, start, count in _probed(model, floats):
+    for name, start, count in _joined(_probed(model, floats)):
         if name == "structure":
             pointer, content = -1, ctypes.string_at(model._address, count)
         else:
@@ -184,6 +184,17 @@ def probes_of(
         rows.append((pointer, start, count, native.FIELDS.index(name)))
         expected.append(np.frombuffer(content, np.uint8))
     return np.array(rows, native.PROBE), np.concatenate(expected)
+
+
+def _joined(pieces: Iterable[tuple[str, int, int]]) -> list[tuple[str, int, int]]:
+    """Pieces of fields, those that adjoin as one."""
+    joined: list[tuple[str, int, int]] = []
+    for name, start, count in sorted(set(pieces), key=lambda p: (native.FIELDS.index(p[0]), p[1])):
+        if joined and joined[-1][0] == name and sum(joined[-1][1:]) == start:
+            joined[-1] = name, joined[-1][1], joined[-1][2] + count
+        else:
+            joined.append((name, start, count))
+    return joined
 
 
 def _probed(

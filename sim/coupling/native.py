@@ -38,7 +38,7 @@ from sim.coupling.layout import LAYOUT
 from sim.geometry import cross
 from sim.kernels import c_function, c_query, inline, kernel, record, table
 from sim.resistance.drag import SURFACE, Flow, Pose
-from sim.resistance.reaction import HULL, REACTION, Motion, hull_reaction
+from sim.resistance.reaction import HULL, REACTION, hull_reaction
 from sim.water.gerstner import WATER, WAVE
 
 Array = NDArray[np.float64]
@@ -125,23 +125,12 @@ class Tables(NamedTuple):
 
 
 class State(NamedTuple):
-    """MuJoCo's arrays of a state; velocities are angular, then linear at the point `roots`."""
+    """MuJoCo's frames of a state: the bodies' inertial ones, and those of the geoms."""
 
     centres: Array
     axes: Array
     places: Array
     turns: Array
-    roots: Array
-    velocities: Array
-
-
-class Total(NamedTuple):
-    """Sums over a body's hulls about its centre of mass, world axes: drag (6,), wrench of added
-    mass (6,), and matrices (6, 6) of added mass and damping together."""
-
-    drag: Array
-    inertia: Array
-    matrix: Array
 
 
 @inline
@@ -192,6 +181,9 @@ def differs(context, model):
     at = 0
     for p in range(probes.size):
         probe = probes[p]
+        if p == 0 and model == context.model:  # its structure
+            at += probe.count
+            continue
         start = model if probe.pointer < 0 else model_array(model, probe.pointer)
         found = bytes_at(start + probe.start, (probe.count,))
         difference = np.uint8(0)
@@ -331,47 +323,22 @@ def twist_at(spatial, arm, rotation, scale, twist_out):
 
 
 @kernel
-def add_turned(wrench, arm, rotation, scale, total_out):
+def add_turned(wrench, arm, rotation, total_out):
     """Add a wrench (6,) in the axes of a rotation (9,), at an arm from the centre of mass, to one
-    about that, in world axes, scaled."""
+    about that, in world axes."""
     r = rotation
-    fx, fy, fz = 0.0, 0.0, 0.0
+    fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(3):
-        fx += r[i] * wrench[i]
-        fy += r[3 + i] * wrench[i]
-        fz += r[6 + i] * wrench[i]
-        total_out[3] += scale * r[i] * wrench[3 + i]
-        total_out[4] += scale * r[3 + i] * wrench[3 + i]
-        total_out[5] += scale * r[6 + i] * wrench[3 + i]
-    tx, ty, tz = cross(arm[0], arm[1], arm[2], fx, fy, fz)
-    total_out[0] += scale * fx
-    total_out[1] += scale * fy
-    total_out[2] += scale * fz
-    total_out[3] += scale * tx
-    total_out[4] += scale * ty
-    total_out[5] += scale * tz
-
-
-@kernel
-def add_matrix(matrix, arm, rotation, total_out):
-    """Add a symmetric matrix (6, 6), its lower triangle, which maps twists to wrenches in the axes
-    of a rotation (9,) at an arm from the centre of mass, to one about that in world axes."""
-    turn, product = np.zeros((6, 6)), np.zeros((6, 6))
-    r = rotation
-    for i in range(3):
-        for j in range(3):
-            turn[i, j] = turn[3 + i, 3 + j] = r[3 * j + i]
-        x, y, z = r[i], r[3 + i], r[6 + i]
-        turn[i, 3], turn[i, 4], turn[i, 5] = cross(arm[0], arm[1], arm[2], x, y, z)
-    for i in range(6):
-        for k in range(6):
-            a = matrix[max(i, k), min(i, k)]
-            for j in range(6):
-                product[i, j] += a * turn[k, j]
-    for i in range(6):
-        for k in range(6):
-            for j in range(6):
-                total_out[i, j] += turn[k, i] * product[k, j]
+        force, torque = wrench[i], wrench[3 + i]
+        fx, fy, fz = fx + r[i] * force, fy + r[3 + i] * force, fz + r[6 + i] * force
+        tx, ty, tz = tx + r[i] * torque, ty + r[3 + i] * torque, tz + r[6 + i] * torque
+    mx, my, mz = cross(arm[0], arm[1], arm[2], fx, fy, fz)
+    total_out[0] += fx
+    total_out[1] += fy
+    total_out[2] += fz
+    total_out[3] += tx + mx
+    total_out[4] += ty + my
+    total_out[5] += tz + mz
 
 
 @inline
@@ -391,82 +358,74 @@ def state_of(context, data):
         floats_at(model_array(data, layout.ximat), (bodies, 9)),
         floats_at(model_array(data, layout.geom_xpos), (geoms, 3)),
         floats_at(model_array(data, layout.geom_xmat), (geoms, 9)),
-        floats_at(model_array(data, layout.subtree_com), (bodies, 3)),
-        floats_at(model_array(data, layout.cvel), (bodies, 6)),
     )
 
 
 @kernel
-def own_rate(context, data, dofs, body, rate_out):
-    """What of a body's spatial acceleration (6,) is none of its joints': sum of cdof_dot qvel."""
-    layout, n = context.layout, context.freedoms
+def set_motion(context, data, body, pose, rate, reaction_out):
+    """How a body's hull moves, for its REACTION, in the measure of time in which gravity is the
+    sea's own: `rate` times faster."""
+    layout, n, dofs = context.layout, context.freedoms, table(block_of(context), 2, DOF)
     changes = floats_at(model_array(data, layout.cdof_dot), (n, 6))
     speeds = floats_at(model_array(data, layout.qvel), (n,))
-    rate_out[:] = 0.0
+    root = floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))[body.root]
+    velocity = floats_at(model_array(data, layout.cvel), (context.bodies, 6))[body.body]
+    own, arm = np.zeros(6), pose.position - root
     for d in range(body.first_dof, body.end_dof):
         i = dofs[d].index
         for j in range(6):
-            rate_out[j] += changes[i, j] * speeds[i]
+            own[j] += changes[i, j] * speeds[i]
+    twist_at(velocity, arm, pose.rotation, 1.0 / rate, reaction_out[0].velocity)
+    twist_at(own, arm, pose.rotation, 1.0 / (rate * rate), reaction_out[0].bias)
 
 
 @kernel
-def add_spin_decay(decay, timestep, inertia, axes, velocity, total):
-    """Add the decay of a body's angular momentum at a rate [1/s]: its principal inertia (3,) along
-    axes (9,)."""
-    for i in range(3):
-        for j in range(3):
-            damping = 0.0
-            for k in range(3):
-                damping += axes[3 * i + k] * (decay * inertia[k]) * axes[3 * j + k]
-            total.drag[3 + i] -= damping * velocity[j]
-            total.matrix[3 + i, 3 + j] += timestep * damping
+def scale_reaction(factor, reaction_out):
+    """Scale the wrenches."""
+    r = reaction_out[0]
+    for i in range(6):
+        r.drag[i] *= factor
+        r.inertia[i] *= factor
 
 
 @kernel
-def is_wet(body, floats, wrenches):
-    """Whether the water pushes any of a body's hulls with drag or added mass up."""
-    wet = False
-    for f in range(body.first, body.end):
-        wet |= floats[f].resisted >= 0 and wrenches[floats[f].hull, 2] > 0.0
-    return wet
-
-
-@kernel
-def sum_reactions(context, model, data, body, wrenches, total_out):
-    """What a body meets besides buoyancy, its Total."""
+def react(context, model, data, body, place, lift, reaction_out):
+    """What a hull, that of a FLOAT's place, meets besides its buoyancy, of which `lift` is upward:
+    its REACTION in the geom's frame. Returns the rate [1/s] at which it takes angular momentum."""
     tables, state, block = tables_of(context), state_of(context, data), block_of(context)
-    timestep, rate = float_at(model + context.layout.timestep), rate_of(context, model)
+    g, rate = tables.floats[place].geom, rate_of(context, model)
     time = rate * float_at(data + context.layout.time)
+    factor = rate * float_at(model + context.layout.timestep)
     flow = Flow(table(block, 5, WAVE), table(block, 6, WATER), time)
-    motion, reaction, own = Motion(np.empty(6), np.empty(6)), np.empty(1, REACTION), np.empty(6)
-    own_rate(context, data, tables.dofs, body, own)
-    i, decay = body.body, 0.0
-    for f in range(body.first, body.end):
-        lift = wrenches[tables.floats[f].hull, 2]
-        if tables.floats[f].resisted < 0 or not lift > 0.0:
-            continue
-        hull, g = tables.hulls[tables.floats[f].resisted], tables.floats[f].geom
-        pose, arm = Pose(state.places[g], state.turns[g]), state.places[g] - state.roots[body.root]
-        # in the measure of time in which gravity is the sea's own
-        twist_at(state.velocities[i], arm, pose.rotation, 1.0 / rate, motion.velocity)
-        twist_at(own, arm, pose.rotation, 1.0 / (rate * rate), motion.bias)
-        fraction = min(lift / hull.whole, 1.0)
-        hull_reaction(
-            hull, tables.surfaces, flow, pose, motion, timestep * rate, fraction, reaction[0]
-        )
-        arm = state.places[g] - state.centres[i]
-        add_turned(reaction[0].drag, arm, pose.rotation, rate * rate, total_out.drag)
-        add_turned(reaction[0].inertia, arm, pose.rotation, rate * rate, total_out.inertia)
-        add_matrix(reaction[0].matrix, arm, pose.rotation, total_out.matrix)
-        decay += fraction * hull.rate
-    if decay > 0.0:
-        inertia = floats_at(model_array(model, context.layout.body_inertia), (context.bodies, 3))
-        add_spin_decay(decay, timestep, inertia[i], state.axes[i], state.velocities[i], total_out)
+    pose = Pose(state.places[g], state.turns[g])
+    set_motion(context, data, body, pose, rate, reaction_out)
+    hull = tables.hulls[tables.floats[place].resisted]
+    fraction = min(lift / hull.whole, 1.0)
+    hull_reaction(hull, tables.surfaces, flow, pose, factor, fraction, reaction_out)
+    scale_reaction(rate * rate, reaction_out)
+    return fraction * hull.rate
 
 
 @kernel
-def add_inertia(context, model, data, body, matrix):
-    """Add J^T matrix J to MuJoCo's matrix of inertia, matrix (6, 6) about a body's centre of mass.
+def decay_spin(context, model, data, body, decay, reaction_out):
+    """The decay of a body's angular momentum at a rate [1/s], as a REACTION in its inertial
+    frame."""
+    inertia = floats_at(model_array(model, context.layout.body_inertia), (context.bodies, 3))
+    spin = floats_at(model_array(data, context.layout.cvel), (context.bodies, 6))[body.body, :3]
+    axes = state_of(context, data).axes[body.body]
+    timestep, r = float_at(model + context.layout.timestep), reaction_out[0]
+    r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
+    for k in range(3):
+        damping = decay * inertia[body.body, k]
+        for i in range(3):
+            r.drag[3 + k] -= damping * axes[3 * i + k] * spin[i]
+        r.matrix[3 + k, 3 + k] = timestep * damping
+
+
+@kernel
+def add_inertia(context, model, data, body, place, rotation, matrix):
+    """Add J^T matrix J to MuJoCo's matrix of inertia: matrix (6, 6), its lower triangle, in the
+    frame at a place (3,) with a rotation (9,), of a body.
 
     A body alone on a joint along its principal axes has a diagonal there and no place for more.
     What is off the diagonal goes into that, in amounts that leave the sum above the matrix: so
@@ -477,8 +436,7 @@ def add_inertia(context, model, data, body, matrix):
     dofs = table(block_of(context), 2, DOF)
     first, size = body.first_dof, body.end_dof - body.first_dof
     axes = floats_at(model_array(data, layout.cdof), (n, 6))
-    centre = floats_at(model_array(data, layout.xipos), (context.bodies, 3))[body.body]
-    root = floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))[body.root]
+    arm = place - floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))[body.root]
     lengths = integers_at(model_array(model, layout.M_rownnz), (n,))
     starts = integers_at(model_array(model, layout.M_rowadr), (n,))
     entries = floats_at(model_array(data, layout.M), (context.matrix,))
@@ -486,15 +444,14 @@ def add_inertia(context, model, data, body, matrix):
     last = np.empty(size, np.int64)  # places of the diagonal
     for a in range(size):
         row = dofs[first + a].index
-        axis, last[a] = axes[row], starts[row] + lengths[row] - 1
-        x, y, z = cross(
-            axis[0], axis[1], axis[2], centre[0] - root[0], centre[1] - root[1], centre[2] - root[2]
-        )
-        columns[a, 0], columns[a, 1], columns[a, 2] = axis[3] + x, axis[4] + y, axis[5] + z
-        columns[a, 3], columns[a, 4], columns[a, 5] = axis[0], axis[1], axis[2]
+        last[a] = starts[row] + lengths[row] - 1
+        twist_at(axes[row], arm, rotation, 1.0, columns[a])
         for i in range(6):
-            for j in range(6):
+            for j in range(i):
                 products[a, i] += matrix[i, j] * columns[a, j]
+                products[a, j] += matrix[i, j] * columns[a, i]
+            products[a, i] += matrix[i, i] * columns[a, i]
+        for i in range(6):
             entries[last[a]] += products[a, i] * columns[a, i]
     for a in range(size):
         row = dofs[first + a].index
@@ -511,40 +468,69 @@ def add_inertia(context, model, data, body, matrix):
 
 
 @kernel
+def add_reaction(context, model, data, body, place, rotation, reaction, row_out):
+    """Add a REACTION in the frame at a place with a rotation (9,) to a body's row of xfrc_applied
+    and to the matrix of inertia."""
+    state, r = state_of(context, data), reaction[0]
+    arm = place - state.centres[body.body]
+    add_turned(r.drag, arm, rotation, row_out)
+    add_turned(r.inertia, arm, rotation, row_out)
+    add_inertia(context, model, data, body, place, rotation, r.matrix)
+
+
+@kernel
 def resist(context, model, data, wrenches):
     """Add to the rows of xfrc_applied, and to the matrix of inertia, what bodies meet besides the
     buoyancy of their hulls, `push`'s wrenches (H, 6)."""
-    tables = tables_of(context)
+    tables, state = tables_of(context), state_of(context, data)
     rows = floats_at(model_array(data, context.layout.xfrc_applied), (context.bodies, 6))
-    total, is_made = Total(np.empty(6), np.empty(6), np.empty((6, 6))), False
+    reaction, is_made = np.empty(1, REACTION), False
     for b in range(tables.bodies.size):
-        body = tables.bodies[b]
-        if not is_wet(body, tables.floats, wrenches):
-            continue
-        if not is_made:  # where the position stage was skipped, ours would else count twice
-            call(context.make_inertia, (model, data))
-            is_made = True
-        total.drag[:], total.inertia[:], total.matrix[:] = 0.0, 0.0, 0.0
-        sum_reactions(context, model, data, body, wrenches, total)
-        for j in range(6):
-            rows[body.body, j] += total.drag[j] + total.inertia[j]
-        add_inertia(context, model, data, body, total.matrix)
+        body, decay = tables.bodies[b], 0.0
+        i = body.body
+        for f in range(body.first, body.end):
+            g, lift = tables.floats[f].geom, wrenches[tables.floats[f].hull, 2]
+            if tables.floats[f].resisted < 0 or not lift > 0.0:
+                continue
+            if not is_made:  # where the position stage was skipped, ours would else count twice
+                call(context.make_inertia, (model, data))
+                is_made = True
+            decay += react(context, model, data, body, f, lift, reaction)
+            place, turn = state.places[g], state.turns[g]
+            add_reaction(context, model, data, body, place, turn, reaction, rows[i])
+        if decay > 0.0:
+            decay_spin(context, model, data, body, decay, reaction)
+            place, turn = state.centres[i], state.axes[i]
+            add_reaction(context, model, data, body, place, turn, reaction, rows[i])
     if is_made:
         call(context.factor_inertia, (model, data))
+
+
+@kernel
+def add_drag(reaction, arm, rotation, drag_out):
+    """Add the drag of a REACTION in the axes of a rotation (9,), at an arm from the centre of
+    mass."""
+    add_turned(reaction[0].drag, arm, rotation, drag_out)
 
 
 @kernel
 def drags(context_address, model, data, wrenches, drags_out):
     """Drag alone (B, 6) of all bodies, about their centres of mass, world axes."""
     context = context_at(context_address)
-    tables = tables_of(context)
-    total = Total(np.empty(6), np.empty(6), np.empty((6, 6)))
+    tables, state = tables_of(context), state_of(context, data)
+    reaction = np.empty(1, REACTION)
+    drags_out[:] = 0.0
     for b in range(tables.bodies.size):
-        drags_out[b] = 0.0
-        if is_wet(tables.bodies[b], tables.floats, wrenches):
-            total.drag[:], total.inertia[:], total.matrix[:] = 0.0, 0.0, 0.0
-            sum_reactions(context, model, data, tables.bodies[b], wrenches, total)
-            drags_out[b] = total.drag
+        body, decay = tables.bodies[b], 0.0
+        centre = state.centres[body.body]
+        for f in range(body.first, body.end):
+            g, lift = tables.floats[f].geom, wrenches[tables.floats[f].hull, 2]
+            if tables.floats[f].resisted >= 0 and lift > 0.0:
+                decay += react(context, model, data, body, f, lift, reaction)
+                add_drag(reaction, state.places[g] - centre, state.turns[g], drags_out[b])
+        if decay > 0.0:
+            decay_spin(context, model, data, body, decay, reaction)
+            add_drag(reaction, centre - centre, state.axes[body.body], drags_out[b])
 
 
 @kernel

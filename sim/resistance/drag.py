@@ -68,16 +68,14 @@ STRENGTH = record(linear="f8", form="f8", friction="f8", residual="f8", steps="i
 """What a hull's drag is made with: density times coefficients, the factors of u_n, |u_n| u_n and
 |u_t| u_t; the residual [m] that labels may keep after so many Newton steps."""
 
-PLACES = record(x=ROW, y=ROW, z=ROW)
-"""Workspace: the elements in the world [m]."""
-
-WETTED = record(depth=ROW, area=ROW)
-"""Workspace: the elements' depths [m], 0 above the surface, and wet areas [m^2]."""
-
-FORCES = record(
-    x=ROW, y=ROW, z=ROW, skin_x=ROW, skin_y=ROW, skin_z=ROW, across=ROW, along=ROW, rub=ROW
+WORK = record(
+    x=ROW, y=ROW, z=ROW, height=ROW, depth=ROW, wet=ROW,
+    force_x=ROW, force_y=ROW, force_z=ROW, skin_x=ROW, skin_y=ROW, skin_z=ROW,
+    across=ROW, along=ROW, rub=ROW,
 )  # fmt: skip
-"""Workspace: the elements' forces [N] in the hull's axes, and what their derivatives are made of:
+"""Workspace: the elements' places in the world [m], the water's heights above the level there,
+their depths [m], 0 above the surface, and wet areas [m^2]; their forces [N] in the hull's axes, and
+what the derivatives of these are made of:
 
 - dF/du = across n n^T + along t t^T + rub 1,    t the tangential velocity, `skin`.
 """
@@ -243,47 +241,33 @@ def label_steps(sea: Sea, size: float) -> tuple[int, float]:
 
 
 @kernel
-def place_elements(surface, position, rotation, places_out, labels_out):
-    """World positions of the elements, also as the first guess of their labels."""
-    s, e = surface, places_out[0]
+def place_elements(surface, pose, work_out):
+    """World positions of the elements."""
+    s, e = surface, work_out[0]
     for i in range(ELEMENTS):
-        e.x[i], e.y[i], e.z[i] = placed(s.x[i], s.y[i], s.z[i], position, rotation)
-    set_labels(e.x, e.y, labels_out)
-
-
-@kernel
-def solve_elements(strength, places, guess, waves, time, heights_out, labels_out):
-    """Labels of the water above the elements, and heights (ELEMENTS,) [m] of its surface there."""
-    e, residual, steps = places[0], strength.residual, strength.steps
-    solve_labels(e.x, e.y, guess, waves, time, residual, steps, heights_out, labels_out)
+        e.x[i], e.y[i], e.z[i] = placed(s.x[i], s.y[i], s.z[i], pose.position, pose.rotation)
 
 
 @summing_kernel
-def wet_areas(surface, places, heights, level, wetted_out):
-    """Depths and wet areas of the elements, from the heights [m] of the surface above the level;
-    returns the sum of these areas."""
-    s, e, wet, total = surface, places[0], wetted_out[0], 0.0
+def wet_areas(surface, level, work):
+    """Depths and wet areas of the elements from the heights of the water at the level [m]; returns
+    the sum of these areas."""
+    s, e, total = surface, work[0], 0.0
     for i in range(ELEMENTS):
-        depth = head(heights[i], e.z[i] - level)
+        depth = head(e.height[i], e.z[i] - level)
         # An element gets wet over its own size, so that no force jumps.
         share = min(max(0.5 + 0.5 * depth / s.radius[i], 0.0), 1.0)
-        wet.area[i] = share * s.area[i]
-        wet.depth[i] = max(depth, 0.0)
-        total += wet.area[i]
+        e.wet[i] = share * s.area[i]
+        e.depth[i] = max(depth, 0.0)
+        total += e.wet[i]
     return total
 
 
 @kernel
-def element_velocities(wetted, waves, time, labels, velocities_out):
-    """VELOCITIES of the water at the elements."""
-    water_velocities(ELEMENTS, wetted[0].depth, waves, time, labels, velocities_out)
-
-
-@kernel
-def element_forces(surface, strength, wetted, rotation, velocity, velocities, forces_out):
+def element_forces(surface, strength, rotation, velocity, velocities, work):
     """Forces of the elements and their derivatives, from the velocity (6,) of the hull in its own
     axes and the VELOCITIES of the water."""
-    s, wet, water, f = surface, wetted[0], velocities[0], forces_out[0]
+    s, e, water = surface, work[0], velocities[0]
     linear, form, friction = strength.linear, strength.form, strength.friction
     vx, vy, vz, wx, wy, wz = velocity
     ax, ay, az, bx, by, bz, cx, cy, cz = rotation
@@ -297,25 +281,25 @@ def element_forces(surface, strength, wetted, rotation, velocity, velocities, fo
         speed = ux * nx + uy * ny + uz * nz
         tx, ty, tz = ux - speed * nx, uy - speed * ny, uz - speed * nz
         skin_speed = np.sqrt(tx * tx + ty * ty + tz * tz)
-        area = wet.area[i]
+        area = e.wet[i]
         push = area * (linear + form * abs(speed)) * speed
         rub = area * friction * skin_speed
-        f.x[i] = -push * nx - rub * tx
-        f.y[i] = -push * ny - rub * ty
-        f.z[i] = -push * nz - rub * tz
-        f.skin_x[i], f.skin_y[i], f.skin_z[i] = tx, ty, tz
-        f.across[i] = area * (linear + 2.0 * form * abs(speed)) - rub
-        f.along[i] = area * friction / skin_speed if skin_speed > 0.0 else 0.0
-        f.rub[i] = rub
+        e.force_x[i] = -push * nx - rub * tx
+        e.force_y[i] = -push * ny - rub * ty
+        e.force_z[i] = -push * nz - rub * tz
+        e.skin_x[i], e.skin_y[i], e.skin_z[i] = tx, ty, tz
+        e.across[i] = area * (linear + 2.0 * form * abs(speed)) - rub
+        e.along[i] = area * friction / skin_speed if skin_speed > 0.0 else 0.0
+        e.rub[i] = rub
 
 
 @summing_kernel
-def add_forces(surface, forces, wrench_out):
+def add_forces(surface, work, wrench_out):
     """Add the elements' forces and their torques to a wrench (6,)."""
-    s, f = surface, forces[0]
+    s, e = surface, work[0]
     fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(ELEMENTS):
-        x, y, z = f.x[i], f.y[i], f.z[i]
+        x, y, z = e.force_x[i], e.force_y[i], e.force_z[i]
         px, py, pz = s.x[i], s.y[i], s.z[i]
         fx, fy, fz = fx + x, fy + y, fz + z
         tx, ty, tz = tx + (py * z - pz * y), ty + (pz * x - px * z), tz + (px * y - py * x)
@@ -386,31 +370,40 @@ def add_rub(surface, weights, factor, damping_out):
 
 
 @kernel
-def add_damping(surface, strength, forces, factor, damping_out):
+def add_damping(surface, strength, work, factor, damping_out):
     """Add factor * - d wrench / d velocity to the lower triangle of damping (6, 6)."""
-    s, f = surface, forces[0]
-    add_squares(s, s.normal_x, s.normal_y, s.normal_z, f.across, factor, damping_out)
+    s, e = surface, work[0]
+    add_squares(s, s.normal_x, s.normal_y, s.normal_z, e.across, factor, damping_out)
     if strength.friction > 0.0:
-        add_squares(s, f.skin_x, f.skin_y, f.skin_z, f.along, factor, damping_out)
-        add_rub(s, f.rub, factor, damping_out)
+        add_squares(s, e.skin_x, e.skin_y, e.skin_z, e.along, factor, damping_out)
+        add_rub(s, e.rub, factor, damping_out)
+
+
+@kernel
+def solve_elements(surface, strength, flow, work, velocities_out):
+    """Heights of the water above the elements, and then their depths, wet areas and the VELOCITIES
+    of the water there; returns the sum of the wet areas."""
+    e, guess, labels = work[0], np.empty(1, LABELS), np.empty(1, LABELS)
+    residual, steps = strength.residual, strength.steps
+    set_labels(e.x, e.y, guess)
+    solve_labels(e.x, e.y, guess, flow.waves, flow.time, residual, steps, e.height, labels)
+    area = wet_areas(surface, flow.water[0].level, work)
+    if area > 0.0:
+        water_velocities(ELEMENTS, e.depth, flow.waves, flow.time, labels, velocities_out)
+    return area
 
 
 @kernel
 def add_hull_drag(surface, strength, flow, pose, velocity, factor, wrench_out, damping_out):
     """Add a hull's drag to a wrench (6,) and factor * - d wrench / d velocity to the lower triangle
     of damping (6, 6): these and velocity (6,) along the axes of the hull frame."""
-    waves, water, time = flow
-    places, wetted, forces = np.empty(1, PLACES), np.empty(1, WETTED), np.empty(1, FORCES)
-    guess, labels, velocities = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, VELOCITIES)
-    heights = np.empty(ELEMENTS)
-    place_elements(surface, pose.position, pose.rotation, places, guess)
-    solve_elements(strength, places, guess, waves, time, heights, labels)
-    if wet_areas(surface, places, heights, water[0].level, wetted) == 0.0:
+    work, velocities = np.empty(1, WORK), np.empty(1, VELOCITIES)
+    place_elements(surface, pose, work)
+    if solve_elements(surface, strength, flow, work, velocities) == 0.0:
         return
-    element_velocities(wetted, waves, time, labels, velocities)
-    element_forces(surface, strength, wetted, pose.rotation, velocity, velocities, forces)
-    add_forces(surface, forces, wrench_out)
-    add_damping(surface, strength, forces, factor, damping_out)
+    element_forces(surface, strength, pose.rotation, velocity, velocities, work)
+    add_forces(surface, work, wrench_out)
+    add_damping(surface, strength, work, factor, damping_out)
 
 
 @kernel

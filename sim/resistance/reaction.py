@@ -19,17 +19,12 @@ Euler method (Hairer and Wanner 1996, IV.7), which bears any drag at any timeste
 Source: Newman 1977 for Kirchhoff's equations.
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.geometry import cross
 from sim.kernels import inline, kernel, record
 from sim.resistance.drag import STRENGTH, Drag, add_hull_drag
 from sim.water.motion import water_motion
-
-Array = NDArray[np.float64]
 
 HULL = record(
     surface="i8", has_drag="i8", has_added_mass="i8", strength=STRENGTH,
@@ -38,17 +33,13 @@ HULL = record(
 """A hull with drag or added mass: its drag's elements, the buoyancy [N] when it is submerged, and
 the rate [1/s] at which it takes angular momentum from its body."""
 
-REACTION = record(drag=("f8", 6), inertia=("f8", 6), matrix=("f8", (6, 6)))
-"""Workspace: wrenches of drag, and of added mass less its matrix times J qacc; lower triangle of
-that matrix with the damping, f A + h C."""
-
-
-class Motion(NamedTuple):
-    """How a hull moves, in its own axes, at its frame's origin: velocity (6,) and that part of its
-    rate (6,) which is no acceleration of joints, J_dot qvel: linear, then angular."""
-
-    velocity: Array
-    bias: Array
+REACTION = record(
+    drag=("f8", 6), inertia=("f8", 6), matrix=("f8", (6, 6)), velocity=("f8", 6), bias=("f8", 6)
+)  # fmt: skip
+"""Workspace: wrenches of drag, and of added mass less its matrix times J qacc; the lower triangle
+of the matrix of inertia with damping, f A + h C. And how the hull moves, in its own axes at its
+frame's origin: its velocity and that part of its rate which is no acceleration of joints,
+J_dot qvel: linear, then angular."""
 
 
 def hull_row(surface: int, drag: Drag, volume: float) -> tuple[object, ...]:
@@ -90,10 +81,11 @@ def add_momentum(velocity, momentum, wrench_out):
 
 
 @kernel
-def add_added_mass(fraction, hull, pose, motion, water, reaction_out):
+def add_added_mass(fraction, hull, pose, water, reaction_out):
     """Add a hull's added mass. water (6,): velocity and acceleration of the water at its centroid,
     world axes."""
-    velocity, known, momentum = motion.velocity.copy(), -motion.bias, np.zeros(6)
+    r = reaction_out[0]
+    velocity, known, momentum = r.velocity.copy(), -r.bias, np.zeros(6)
     vx, vy, vz = turned_back(pose.rotation, water, 0)
     ax, ay, az = turned_back(pose.rotation, water, 3)
     tx, ty, tz = cross(velocity[3], velocity[4], velocity[5], vx, vy, vz)
@@ -102,22 +94,23 @@ def add_added_mass(fraction, hull, pose, motion, water, reaction_out):
     for i in range(6):
         for j in range(6):
             a = fraction * hull.added_mass[i, j]
-            reaction_out.matrix[i, j] += a
+            r.matrix[i, j] += a
             momentum[i] += a * velocity[j]
-            reaction_out.inertia[i] += a * known[j]
-    add_momentum(velocity, momentum, reaction_out.inertia)
+            r.inertia[i] += a * known[j]
+    add_momentum(velocity, momentum, r.inertia)
 
 
 @kernel
-def hull_reaction(hull, surfaces, flow, pose, motion, factor, fraction, reaction_out):
-    """What a hull meets, all in its own axes about its own origin, into a REACTION's row, but for
-    the decay of angular momentum. factor: that of the damping in the matrix; fraction: how much of
-    the hull is submerged."""
-    reaction_out.drag[:], reaction_out.inertia[:], reaction_out.matrix[:] = 0.0, 0.0, 0.0
+def hull_reaction(hull, surfaces, flow, pose, factor, fraction, reaction_out):
+    """What a hull meets, all in its own axes about its own origin, into a REACTION that has its
+    motion, but for the decay of angular momentum. factor: that of the damping in the matrix;
+    fraction: how much of the hull is submerged."""
+    r = reaction_out[0]
+    r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
     if hull.has_drag:
         add_hull_drag(
-            surfaces[hull.surface], hull.strength, flow, pose, motion.velocity, factor,
-            reaction_out.drag, reaction_out.matrix,
+            surfaces[hull.surface], hull.strength, flow, pose, r.velocity, factor,
+            r.drag, r.matrix,
         )  # fmt: skip
     if hull.has_added_mass:
         point, water = pose.position.copy(), np.empty(6)
@@ -125,4 +118,4 @@ def hull_reaction(hull, surfaces, flow, pose, motion, factor, fraction, reaction
             for j in range(3):
                 point[i] += pose.rotation[3 * i + j] * hull.centroid[j]
         water_motion(point, flow.waves, flow.water, flow.time, water)
-        add_added_mass(fraction, hull, pose, motion, water, reaction_out)
+        add_added_mass(fraction, hull, pose, water, reaction_out)
