@@ -3,6 +3,7 @@
     python scripts/speed_vs_error.py --json errors.json --figure errors.png
     python scripts/speed_vs_error.py --quick
     python scripts/speed_vs_error.py --sources
+    python scripts/speed_vs_error.py --steps
 
 Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C, with the rows until then printed.
 """
@@ -36,12 +37,16 @@ from sim import Hull, Reference
 from sim.measure.accuracy import CHANGES, speeds_and_errors, wrenches
 from sim.measure.seas import SEAS, waterline_poses
 from sim.measure.sources import DURATION, FALL, error_sources
+from sim.measure.steps import step_costs
 from sim.methods import make_method
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 
 HULLS = ("cube", "bunny_coarse", "bunny", "dragon", "bunny_fine")
 """The cube has 12 faces, bunny_fine those of the bunny split into 16 each: the same surface."""
+
+STEPPED = ("bunny", "cube", "trio")
+"""Scenes whose steps are measured."""
 
 METHODS = (
     "linear", "chord:1", "chord:4", "chord:16", "chord:4:crests",
@@ -99,6 +104,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="less of everything: within a minute")
     parser.add_argument("--sources", action="store_true",
                         help="measure other sources of error instead")  # fmt: skip
+    parser.add_argument("--steps", action="store_true",
+                        help="measure whole mj_steps and batches instead")  # fmt: skip
     options = parser.parse_args(arguments)
     if options.quick:
         for name, value in QUICK.items():
@@ -305,10 +312,29 @@ def report_sources(options: argparse.Namespace) -> int:
     return 0
 
 
+def report_steps(options: argparse.Namespace) -> int:
+    """The same for whole steps, in bare ones of the same model, and for batches."""
+    scenes = [MODELS / f"{name}.xml" for name in STEPPED]
+    rows = list(step_costs(scenes[:1] if options.quick else scenes, MODELS / "spheres.xml"))
+    write_json(options.json, {"steps": rows})
+    singles = [row for row in rows if "ratio" in row]
+    names = ("us", "bare_us", "ratio")
+    cells = [(row["what"], *(f"{row[name]:.2f}" for name in names)) for row in singles]
+    print_table(("mj_step of", "us with water", "us bare", "ratio"), cells)
+    print()
+    names = ("us", "single_us", "throughput")
+    batches = [row for row in rows if "throughput" in row]
+    cells = [(row["what"], *(f"{row[name]:.2f}" for name in names)) for row in batches]
+    print_table(("a step of one of", "us", "us by itself", "throughput"), cells)
+    return 0
+
+
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check_outputs(options)
+        if options.steps:
+            return report_steps(options)
         return report_sources(options) if options.sources else report_rows(options)
     except BrokenPipeError:
         raise
