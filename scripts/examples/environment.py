@@ -1,0 +1,64 @@
+"""A gymnasium environment: hold a floating cube in its place by pushing it.
+
+Needs `pip install gymnasium`. The water's rows of xfrc_applied are Waterline's; an action goes into
+qfrc_applied.
+"""
+
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from sim import Scene
+
+try:
+    import gymnasium
+except ImportError:
+    print("gymnasium is not installed; run: pip install gymnasium")
+    sys.exit()
+
+CUBE = Path(__file__).resolve().parents[2] / "models" / "cube.xml"
+
+
+class HoldTheCube(gymnasium.Env):
+    """Force along x and y [N] -> position [m] and velocity [m/s]; each episode has its own time of
+    the sea."""
+
+    action_space = gymnasium.spaces.Box(-500.0, 500.0, (2,), np.float64)
+    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (13,), np.float64)
+
+    def __init__(self) -> None:
+        self.scene = Scene.load(CUBE)
+        self.scene.buoyancy.install()
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        mujoco.mj_resetDataKeyframe(self.scene.model, self.scene.data, 0)
+        self.scene.data.time = self.np_random.uniform(0.0, 60.0)
+        return self._observed(), {}
+
+    def step(self, action):
+        self.scene.data.qfrc_applied[:2] = action
+        mujoco.mj_step(self.scene.model, self.scene.data, nstep=10)
+        far = float(np.linalg.norm(self.scene.data.qpos[:2]))
+        return self._observed(), -far, far > 20.0, False, {}
+
+    def close(self) -> None:
+        self.scene.buoyancy.uninstall()
+
+    def _observed(self) -> np.ndarray:
+        return np.concatenate([self.scene.data.qpos, self.scene.data.qvel])
+
+
+if __name__ == "__main__":
+    environment = gymnasium.wrappers.TimeLimit(HoldTheCube(), max_episode_steps=200)
+    for episode in range(3):
+        state, _ = environment.reset(seed=episode)
+        total, is_over = 0.0, False
+        while not is_over:
+            push = np.clip(-400.0 * state[:2] - 300.0 * state[7:9], -500.0, 500.0)
+            state, reward, terminated, truncated, _ = environment.step(push)
+            total, is_over = total + reward, terminated or truncated
+        print(f"episode {episode}: mean distance {-total / 200:.3f} m")
+    environment.close()
