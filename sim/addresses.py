@@ -81,6 +81,16 @@ def float_at(typingctx, address):
 
 
 @intrinsic
+def bits_of(typingctx, number):
+    """The bits of a double as a whole number."""
+
+    def codegen(context, builder, signature, args):
+        return builder.bitcast(args[0], WORD)
+
+    return types.int64(types.float64), codegen
+
+
+@intrinsic
 def atomic_add(typingctx, address, amount):
     """Add to the whole number at an address, whatever other threads do; returns what it was."""
 

@@ -72,8 +72,12 @@ def test_integrators_agree_as_the_timestep_shrinks():
         assert ((slopes > 0.8) & (slopes < 1.3)).all(), slopes  # first order
 
 
-def test_apply_before_each_step_is_the_callback_to_the_bit():
-    compiled = model(custom=WAVES)
+@pytest.mark.parametrize("method", ["linear", "chord", "patches"])
+@pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast"])
+def test_apply_before_each_step_is_the_callback_to_the_bit(integrator, method):
+    option = f'<option timestep="0.005" integrator="{integrator}"/>'
+    custom = WAVES + f'<text name="buoyancy_method" data="{method}"/>'
+    compiled = model(custom=custom, option=option)
     data, buoyancy = started(compiled), Buoyancy.from_model(compiled)
     states = []
     for _ in range(100):

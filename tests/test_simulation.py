@@ -215,3 +215,10 @@ def test_load_says_which_file_is_at_fault(tmp_path):
     empty.write_text("<mujoco/>")
     with pytest.raises(ValueError, match=r"empty.xml: nothing floats"):
         Scene.load(empty)
+
+
+def test_simulate_refuses_a_gravity_that_its_sea_was_not_made_under():
+    scene = cube_scene()
+    scene.model.opt.gravity[2] = -1.62
+    with pytest.raises(ValueError, match=r"gravity is 1\.62 m/s.*made under 9\.81"):
+        simulate(scene, 1.0)

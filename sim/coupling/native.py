@@ -22,6 +22,7 @@ from sim.addresses import (
     ask,
     atomic_add,
     atomic_claim,
+    bits_of,
     bytes_at,
     call,
     call_kernel,
@@ -267,13 +268,25 @@ def is_first_visit(states, data):
     return False
 
 
+@inline
+def slots_of(mark):
+    """Two places for a mark, so that what takes one of them does not take the other."""
+    bits = bits_of(mark)
+    return (bits * 2654435761 >> 20) % MARKS, (bits * 40503 >> 7) % MARKS
+
+
 @kernel
 def are_ours(mark, marks):
-    """Whether rows with such a mark are zero or the last that we wrote to some state: a copy's."""
-    found = mark == 0.0
-    for i in range(MARKS):
-        found |= marks[i] == mark
-    return found
+    """Whether rows with such a mark are zero or such as we wrote lately: a copied state has them,
+    or one that goes from thread to thread in a batch."""
+    first, second = slots_of(mark)
+    return mark == 0.0 or marks[first] == mark or marks[second] == mark
+
+
+@kernel
+def remember(mark, marks_out):
+    first, second = slots_of(mark)
+    marks_out[first], marks_out[second] = mark, mark
 
 
 @kernel
@@ -541,7 +554,7 @@ def write(context, model, data, wrenches):
         call(context.resist, (context.own, model, data, wrenches.ctypes.data))
     rows = floats_at(model_array(data, context.layout.xfrc_applied), (context.bodies, 6))
     mark = mark_of(table(block_of(context), 1, BODY), rows)
-    floats_at(context.marks, (MARKS,))[place_of(data) % MARKS] = mark
+    remember(mark, floats_at(context.marks, (MARKS,)))
 
 
 # C functions, with addresses as arguments

@@ -71,6 +71,12 @@ def simulate(
     for name, value in (("duration", duration), ("rate", rate)):
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value}; it must be finite and above 0")
+    gravity = -scene.model.opt.gravity[2]
+    if gravity != scene.buoyancy.sea.gravity:
+        raise ValueError(
+            f"gravity is {gravity:g} m/s^2, and the scene's sea, which is looked at as well, was "
+            f"made under {scene.buoyancy.sea.gravity:g}; load the scene anew with that gravity"
+        )
     return _samples(scene, duration, rate, watch)
 
 
