@@ -62,6 +62,7 @@ from sim.methods.polynomial import (
     POLYNOMIAL,
     QUADRATICS,
     bend_at,
+    decayed_polynomials,
     five,
     head_and_slope,
     head_polynomials,
@@ -70,6 +71,7 @@ from sim.methods.polynomial import (
 from sim.triangle import clip_dry_part
 from sim.water.fit import DISC, SAFETY, SHIFT, fitted_waves, jet_radius, longest_edge, newton_steps
 from sim.water.gerstner import WATER, WAVE
+from sim.water.head_jets import HEAD_JET, solve_head_jets
 from sim.water.jets import JET, solve_jets
 from sim.water.sea import Sea
 
@@ -420,6 +422,21 @@ def subtract_dry_parts(cut, opened, heads, tree, chosen, sums_out):
 
 
 @kernel
+def set_polynomials(sea, waves, x, y, above, time, chosen, rotations, polynomials_out):
+    """Polynomials (N,) of the heads around the chosen patches' centres x, y: (N,) [m], so far above
+    the level (N,) [m], from fitted waves."""
+    residual, steps = sea.solve[0].residual, sea.solve[0].steps
+    if sea.water[0].decays and waves.size > 0:
+        jets = np.empty(x.size, HEAD_JET)
+        solve_head_jets(x, y, above, waves, time, residual, steps, jets)
+        decayed_polynomials(jets, chosen, rotations, polynomials_out)
+    else:
+        jets = np.empty(x.size, JET)
+        solve_jets(x, y, waves, time, residual, steps, jets)
+        head_polynomials(jets, above, chosen, rotations, polynomials_out)
+
+
+@kernel
 def reached_polynomials(tree, sea, instances, positions, rotations, time):
     """The patches that the water could reach, CHOSEN, and the POLYNOMIAL of the head over each."""
     most = most_patches(instances) + 1
@@ -435,11 +452,9 @@ def reached_polynomials(tree, sea, instances, positions, rotations, time):
         end = end_of_tree(start, chosen, instances)
         number = instances[chosen[start].instance].tree
         waves = sea.waves[number * count : (number + 1) * count]
-        jets = np.empty(end - start, JET)
-        residual, steps = sea.solve[0].residual, sea.solve[0].steps
-        solve_jets(x[start:end], y[start:end], waves, time, residual, steps, jets)
-        head_polynomials(
-            jets, above[start:end], chosen[start:end], rotations, polynomials[start:end]
+        run = slice(start, end)
+        set_polynomials(
+            sea, waves, x[run], y[run], above[run], time, chosen[run], rotations, polynomials[run]
         )
         start = end
     return chosen, polynomials

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.kernels import inline, kernel, record
-from sim.water.head import head
+from sim.water.head import depth
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def head_polynomials(jets, above, chosen, rotations, polynomials_out):
         gx, gy = jet.z_x, jet.z_y
         # the horizontal coordinates are the linear forms a . d and b . d
         ax, ay, az, bx, by, bz = r[0], r[1], r[2], r[3], r[4], r[5]
-        q[0] = head(jet.z, above[i])
+        q[0] = depth(jet.z, above[i])
         q[1] = gx * ax + gy * bx - r[6]
         q[2] = gx * ay + gy * by - r[7]
         q[3] = gx * az + gy * bz - r[8]
@@ -99,6 +99,94 @@ def head_polynomials(jets, above, chosen, rotations, polynomials_out):
         q[19] = azz * uz + bzz * vz
         polynomials_out[i].bound_2 = np.sqrt(xx * xx + 0.5 * xy * xy + yy * yy)
         polynomials_out[i].bound_3 = np.sqrt(xxx * xxx + (xxy * xxy + xyy * xyy) / 3.0 + yyy * yyy)
+
+
+@inline
+def product(ax, ay, az, bx, by, bz):
+    """Coefficients of xx, xy, xz, yy, yz, zz in the product of two linear forms."""
+    return ax * bx, ax * by + ay * bx, ax * bz + az * bx, ay * by, ay * bz + az * by, az * bz
+
+
+@inline
+def add_cubic(q, xx, xy, xz, yy, yz, zz, x, y, z):
+    """Add the product of a quadratic and a linear form to the cubic coefficients."""
+    q[10] += xx * x
+    q[11] += xx * y + xy * x
+    q[12] += xx * z + xz * x
+    q[13] += xy * y + yy * x
+    q[14] += xy * z + xz * y + yz * x
+    q[15] += xz * z + zz * x
+    q[16] += yy * y
+    q[17] += yy * z + yz * y
+    q[18] += yz * z + zz * y
+    q[19] += zz * z
+
+
+@inline
+def form(a, b, c, r):
+    """The linear form a x + b y + c z of world coordinates in the frame of a rotation (9,)."""
+    return (
+        a * r[0] + b * r[3] + c * r[6],
+        a * r[1] + b * r[4] + c * r[7],
+        a * r[2] + b * r[5] + c * r[8],
+    )
+
+
+@kernel
+def set_quadratic(jet, r, polynomial_out):
+    """Second-order coefficients of a HEAD_JET in the frame of a rotation (9,), and their bound."""
+    q = polynomial_out.c
+    xx, yy, zz = 0.5 * jet.xx, 0.5 * jet.yy, 0.5 * jet.zz
+    ux, uy, uz = form(xx, jet.xy, jet.xz, r)
+    vx, vy, vz = form(0.0, yy, jet.yz, r)
+    wx, wy, wz = form(0.0, 0.0, zz, r)
+    a0, a1, a2, a3, a4, a5 = product(r[0], r[1], r[2], ux, uy, uz)
+    b0, b1, b2, b3, b4, b5 = product(r[3], r[4], r[5], vx, vy, vz)
+    c0, c1, c2, c3, c4, c5 = product(r[6], r[7], r[8], wx, wy, wz)
+    q[4], q[5], q[6] = a0 + b0 + c0, a1 + b1 + c1, a2 + b2 + c2
+    q[7], q[8], q[9] = a3 + b3 + c3, a4 + b4 + c4, a5 + b5 + c5
+    mixed = jet.xy * jet.xy + jet.xz * jet.xz + jet.yz * jet.yz
+    polynomial_out.bound_2 = np.sqrt(xx * xx + yy * yy + zz * zz + 0.5 * mixed)
+
+
+@kernel
+def set_cubic(jet, r, polynomial_out):
+    """The same of third order: (a . d)^2 (u . d) + (b . d)^2 (v . d) + (c . d)^2 (w . d), and the
+    product of all three forms."""
+    q = polynomial_out.c
+    xxx, xxy, xxz = jet.xxx / 6.0, 0.5 * jet.xxy, 0.5 * jet.xxz
+    xyy, yyy, yyz = 0.5 * jet.xyy, jet.yyy / 6.0, 0.5 * jet.yyz
+    xzz, yzz, zzz, xyz = 0.5 * jet.xzz, 0.5 * jet.yzz, jet.zzz / 6.0, jet.xyz
+    ax, ay, az, bx, by, bz, cx, cy, cz = r
+    for j in range(10, MONOMIALS):
+        q[j] = 0.0
+    xx, xy, xz, yy, yz, zz = squared(ax, ay, az)
+    x, y, z = form(xxx, xxy, xxz, r)
+    add_cubic(q, xx, xy, xz, yy, yz, zz, x, y, z)
+    xx, xy, xz, yy, yz, zz = squared(bx, by, bz)
+    x, y, z = form(xyy, yyy, yyz, r)
+    add_cubic(q, xx, xy, xz, yy, yz, zz, x, y, z)
+    xx, xy, xz, yy, yz, zz = squared(cx, cy, cz)
+    x, y, z = form(xzz, yzz, zzz, r)
+    add_cubic(q, xx, xy, xz, yy, yz, zz, x, y, z)
+    xx, xy, xz, yy, yz, zz = product(ax, ay, az, bx, by, bz)
+    add_cubic(q, xx, xy, xz, yy, yz, zz, xyz * cx, xyz * cy, xyz * cz)
+    mixed = xxy * xxy + xxz * xxz + xyy * xyy + yyz * yyz + xzz * xzz + yzz * yzz
+    polynomial_out.bound_3 = np.sqrt(
+        xxx * xxx + yyy * yyy + zzz * zzz + mixed / 3.0 + xyz * xyz / 6.0
+    )
+
+
+@kernel
+def decayed_polynomials(jets, chosen, rotations, polynomials_out):
+    """Polynomials (N,) of the heads around the chosen patches' centres from their HEAD_JETs."""
+    for i in range(jets.size):
+        jet, r, polynomial = jets[i], rotations[chosen[i].pose], polynomials_out[i]
+        q = polynomial.c
+        q[0] = jet.h
+        q[1], q[2], q[3] = form(jet.x, jet.y, jet.z, r)
+        set_quadratic(jet, r, polynomial)
+        set_cubic(jet, r, polynomial)
 
 
 @inline

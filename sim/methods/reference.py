@@ -6,12 +6,12 @@ both directions, level by level, until each piece is one of three:
 - surely dry: adds nothing;
 - surely wet: the head is smooth and Gauss quadrature takes care of it, the difference of two orders
   being the error's estimate; a piece that misses its share of the tolerance is halved again;
-- on the waterline: clipped straight, with the elevation linear over the piece. Only these few
+- on the waterline: clipped straight, with the head linear over the piece. Only these few
   pieces are halved down to the smallest size; their error falls with its third power (the second
   from the linear elevation, the first from the shrinking band).
 
-"Surely" means beyond the sag of the surface over the piece: a linear interpolation over a
-triangle within a circle of radius r misses by at most M r^2 / 2, M bounding the surface's
+"Surely" means deeper than the sag of the surface over the piece, or higher: a linear interpolation
+over a triangle within a circle of radius r misses by at most M r^2 / 2, M bounding the surface's
 second derivatives everywhere. The surface is therefore never taken for flat, wherever
 it may bulge between the corners.
 """
@@ -73,8 +73,9 @@ class Reference(Method):
         total = np.zeros(6)
         for _ in range(self.halvings):
             sag = self.sea.curvature_bound * 0.5 * _horizontal_radius(corners) ** 2
-            wet = heads.min(axis=1) >= sag
-            dry = heads.max(axis=1) <= -sag
+            depths = water.depths(corners, heads)
+            wet = depths.min(axis=1) >= sag
+            dry = depths.max(axis=1) <= -sag
             sums, rough = self._integrate_wet(water, corners[wet], allowed / self._area)
             total += sums
             waterline = ~wet & ~dry
@@ -119,10 +120,17 @@ class _Water:
 
     def __init__(self, sea: Sea, position: Array, time: float) -> None:
         self.sea, self.position, self.time = sea, position, time
+        self._still = sea.hydrostatic
 
     def heads(self, points: Array) -> Array:
         """Heads (...) [m] at points (..., 3) [m]."""
         return self.sea.head(*np.moveaxis(points + self.position, -1, 0), self.time)
+
+    def depths(self, points: Array, heads: Array) -> Array:
+        """Depths (...) [m] of the points below the surface right above, from their heads."""
+        if self._still is self.sea:
+            return heads
+        return self._still.head(*np.moveaxis(points + self.position, -1, 0), self.time)
 
 
 def _horizontal_radius(corners: Array) -> Array:

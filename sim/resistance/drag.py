@@ -37,7 +37,7 @@ from sim.kernels import kernel, packed, read_only, record, summing_kernel, table
 from sim.resistance.added_mass import added_mass_matrix
 from sim.water.fit import SAFETY, newton_steps
 from sim.water.gerstner import LABELS, WATER, WAVE, set_labels, solve_labels
-from sim.water.head import head
+from sim.water.head import depth
 from sim.water.motion import VELOCITIES, water_velocities
 from sim.water.sea import Sea
 
@@ -254,11 +254,11 @@ def wet_areas(surface, level, work):
     the sum of these areas."""
     s, e, total = surface, work[0], 0.0
     for i in range(ELEMENTS):
-        depth = head(e.height[i], e.z[i] - level)
+        below = depth(e.height[i], e.z[i] - level)
         # An element gets wet over its own size, so that no force jumps.
-        share = min(max(0.5 + 0.5 * depth / s.radius[i], 0.0), 1.0)
+        share = min(max(0.5 + 0.5 * below / s.radius[i], 0.0), 1.0)
         e.wet[i] = share * s.area[i]
-        e.depth[i] = max(depth, 0.0)
+        e.depth[i] = max(below, 0.0)
         total += e.wet[i]
     return total
 

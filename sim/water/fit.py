@@ -20,6 +20,7 @@ from sim.water.gerstner import (
     set_labels,
     wave_sums,
 )
+from sim.water.head_jets import HEAD_JET, solve_head_jets
 from sim.water.jets import JET, solve_jets
 from sim.water.sea import Sea
 
@@ -38,6 +39,9 @@ of a patch is near its middle. The wrench's errors were smallest so, among 0.4 t
 
 DIRECTIONS, RINGS = 8, (0.25, 0.5, 0.75, 1.0)
 """Directions and distances, in radii, in which jets are tried on the samples of the sea."""
+
+DIPS = tuple(np.radians([-90.0, -45.0, 0.0, 45.0]))
+"""Slopes of these directions, where jets are tried below the surface."""
 
 RADII = 20
 """Radii that are tried at most: a tolerance near round-off is met by none, and the number of
@@ -128,11 +132,10 @@ def jet_radius(sea: Sea, tolerance: float, largest: float) -> float:
     """
     if not sea.components.size:
         return np.inf
-    x, y = sample_places(sea)
-    radius = largest
+    radius, find_error = largest, jet_error if sea.pressure == "hydrostatic" else head_jet_error
     for _ in range(RADII):
-        jets = jets_at(sea, x, y, fitted_waves(sea, DISC * radius))
-        error = SAFETY * jet_error(sea, x, y, jets, (1.0 + SHIFT) * radius)
+        waves = fitted_waves(sea, DISC * radius)
+        error = SAFETY * find_error(sea, waves, (1.0 + SHIFT) * radius)
         if error <= tolerance:
             break
         # error ~ radius^4 where it is small; a hair less, so that the next try passes
@@ -140,15 +143,12 @@ def jet_radius(sea: Sea, tolerance: float, largest: float) -> float:
     return radius
 
 
-def jets_at(sea: Sea, x: Array, y: Array, waves: Table) -> Table:
-    """Jets (N,) at places x, y: (N,) [m] at time 0 of the sea's own or of fitted waves."""
+def jet_error(sea: Sea, waves: Table, radius: float) -> float:
+    """Largest error [m] of the surface's jets at the samples, of fitted waves, up to a radius away
+    from them."""
+    x, y = sample_places(sea)
     jets = np.empty(x.size, JET)
     solve_jets(x, y, waves, 0.0, float(sea.water["tolerance"][0]), 0, jets)
-    return jets
-
-
-def jet_error(sea: Sea, x: Array, y: Array, jets: Table, radius: float) -> float:
-    """Largest error [m] of the jets at places x, y, up to a radius away from them."""
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     worst = 0.0
     for ring, angle in product(RINGS, angles):
@@ -156,6 +156,43 @@ def jet_error(sea: Sea, x: Array, y: Array, jets: Table, radius: float) -> float
         found = sea.elevation(x + dx, y + dy, 0.0) - sea.level
         worst = max(worst, float(np.abs(found - cubic(jets, dx, dy)).max()))
     return worst
+
+
+def head_jets(sea: Sea, waves: Table, x: Array, y: Array, above: Array) -> Table:
+    """HEAD_JETs (N,) at time 0 of waves of a sea, its own or fitted ones, at places x, y, so far
+    above the level, all (N,) [m]."""
+    jets = np.empty(x.size, HEAD_JET)
+    solve_head_jets(x, y, above, waves, 0.0, float(sea.water["tolerance"][0]), 0, jets)
+    return jets
+
+
+def head_jet_error(sea: Sea, waves: Table, radius: float) -> float:
+    """The same of the head's jets, at the samples and up to two radii below and one above them, at
+    places in the water: above it is no pressure to be right about."""
+    x, y = sample_places(sea)
+    share = np.resize(np.linspace(-2.0, 1.0, 7), x.size)
+    above = sea.elevation(x, y, 0.0) - sea.level + radius * np.minimum(share, 0.0)
+    above += 0.7 * radius * np.maximum(share, 0.0)
+    jets = head_jets(sea, waves, x, y, above)
+    angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    worst = 0.0
+    for ring, angle, dip in product(RINGS, angles, DIPS):
+        dx, dy = (ring * radius * np.cos(dip) * f(angle) for f in (np.cos, np.sin))
+        dz = ring * radius * np.sin(dip)
+        found = sea.head(x + dx, y + dy, sea.level + above + dz, 0.0)
+        missed = np.abs(found - head_cubic(jets, dx, dy, dz))[found >= 0.0]
+        worst = max(worst, float(missed.max(initial=0.0)))
+    return worst
+
+
+def head_cubic(jets: Table, dx: float, dy: float, dz: float) -> Array:
+    """Heads (N,) [m] that HEAD_JETs say for places dx, dy, dz [m] away."""
+    head = jets["h"].copy()
+    for order in (1, 2, 3):
+        for axes in product("xyz", repeat=order):
+            step = np.prod([{"x": dx, "y": dy, "z": dz}[axis] for axis in axes])
+            head += step * jets["".join(sorted(axes))] / (1.0, 1.0, 2.0, 6.0)[order]
+    return head
 
 
 def cubic(jets: Table, dx: float, dy: float) -> Array:
@@ -175,6 +212,12 @@ def longest_edge(sea: Sea, tolerance: float) -> float:
     """
     if not sea.components.size:
         return np.inf
-    hessians = sea.hessian(*sample_places(sea), 0.0)
+    x, y = sample_places(sea)
+    if sea.pressure == "hydrostatic":
+        hessians = sea.hessian(x, y, 0.0)
+    else:
+        jets = head_jets(sea, sea.components, x, y, sea.elevation(x, y, 0.0) - sea.level)
+        rows = [jets[n] for n in ("xx", "xy", "xz", "xy", "yy", "yz", "xz", "yz", "zz")]
+        hessians = np.stack(rows, axis=-1).reshape(-1, 3, 3)
     largest = SAFETY * float(np.abs(np.linalg.eigvalsh(hessians)).max())
     return np.sqrt(6.0 * tolerance / largest) if largest > 0.0 else np.inf

@@ -57,9 +57,10 @@ WAVE = record(
 amplitude a [m], wavenumber k [rad/m] and unit direction; k a, k^2 a and k^3 a, what it adds to
 derivatives of that order."""
 
-WATER = record(level="f8", amplitude="f8", tolerance="f8", scale="f8")
+WATER = record(level="f8", amplitude="f8", tolerance="f8", scale="f8", decays="i8")
 """What kernels know of a sea besides its waves: the still level [m], the sum of all amplitudes [m],
-the residual [m] at which a label counts as found, and - density gravity [N/m^3]."""
+the residual [m] at which a label counts as found, - density gravity [N/m^3], and whether the waves'
+pressure decays with depth."""
 
 LABELS = record(x=ROW, y=ROW, residual=ROW)
 """Workspace: labels of a chunk's points, and the residual squared [m^2] that a step began with."""
@@ -116,6 +117,28 @@ def sine_cosine(turns):
     s, c = s * q + SINE[1], c * q + COSINE[1]
     s, c = s * q + SINE[0], c * q + COSINE[0]
     return sign * s * u, sign * c
+
+
+@inline
+def decay(x):
+    """exp(-x) for x >= 0, to 4e-16: (exp(-x / 64))^64 by Taylor's polynomial of degree 9, held at
+    3e-20 where that would end. Without a call in it, a loop over it vectorises."""
+    y = min(x / 64.0, 0.7)
+    power = 1.0 - y / 9.0
+    power = 1.0 - power * y / 8.0
+    power = 1.0 - power * y / 7.0
+    power = 1.0 - power * y / 6.0
+    power = 1.0 - power * y / 5.0
+    power = 1.0 - power * y / 4.0
+    power = 1.0 - power * y / 3.0
+    power = 1.0 - power * y / 2.0
+    power = 1.0 - power * y
+    power *= power
+    power *= power
+    power *= power
+    power *= power
+    power *= power
+    return power * power
 
 
 @inline

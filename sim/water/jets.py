@@ -46,14 +46,15 @@ HIGHER_SUMS = record(
 """Workspace: second and third derivatives of particles by their labels (y_xx is x_xy, y_xy is x_yy
 and so on), and the sine and cosine of one wave."""
 
-SURFACE = record(
+FIELD = record(
     z=ROW, z_x=ROW, z_y=ROW, z_xx=ROW, z_xy=ROW, z_yy=ROW,
     z_xxx=ROW, z_xxy=ROW, z_xyy=ROW, z_yyy=ROW,
 )  # fmt: skip
-"""Workspace: height and derivatives of the surface by place."""
+"""Workspace: a function of the particles, such as the surface's height, and its derivatives, by
+label or by place."""
 
 FIRST = record(z_x=ROW, z_y=ROW, m_xx=ROW, m_xy=ROW, m_yy=ROW)
-"""Workspace: slopes of the surface, and M of the module's docstring."""
+"""Workspace: slopes of a function by place, and M of the module's docstring."""
 
 
 @kernel
@@ -103,27 +104,39 @@ def jet_sums(count, waves, time, labels, sums_out, higher_out):
 
 
 @kernel
-def first_derivatives(count, sums, higher, first_out):
-    """Slopes G of the surface at the particles, and the matrices M."""
-    p, h, f = sums[0], higher[0], first_out[0]
+def copy_heights(count, sums, higher, field_out):
+    """The height of the particles as a FIELD by label."""
+    p, h, f = sums[0], higher[0], field_out[0]
     for i in range(count):
-        gx, gy = solved(p, i, p.z_x[i], p.z_y[i])
-        f.m_xx[i] = h.z_xx[i] - (gx * h.x_xx[i] + gy * h.x_xy[i])
-        f.m_xy[i] = h.z_xy[i] - (gx * h.x_xy[i] + gy * h.x_yy[i])
-        f.m_yy[i] = h.z_yy[i] - (gx * h.x_yy[i] + gy * h.y_yy[i])
+        f.z[i], f.z_x[i], f.z_y[i] = p.z[i], p.z_x[i], p.z_y[i]
+        f.z_xx[i], f.z_xy[i], f.z_yy[i] = h.z_xx[i], h.z_xy[i], h.z_yy[i]
+    for i in range(count):
+        f.z_xxx[i], f.z_xxy[i] = h.z_xxx[i], h.z_xxy[i]
+        f.z_xyy[i], f.z_yyy[i] = h.z_xyy[i], h.z_yyy[i]
+
+
+@kernel
+def first_derivatives(count, sums, higher, field, first_out):
+    """Slopes G by place of a FIELD by label, and the matrices M."""
+    p, h, z, f = sums[0], higher[0], field[0], first_out[0]
+    for i in range(count):
+        gx, gy = solved(p, i, z.z_x[i], z.z_y[i])
+        f.m_xx[i] = z.z_xx[i] - (gx * h.x_xx[i] + gy * h.x_xy[i])
+        f.m_xy[i] = z.z_xy[i] - (gx * h.x_xy[i] + gy * h.x_yy[i])
+        f.m_yy[i] = z.z_yy[i] - (gx * h.x_yy[i] + gy * h.y_yy[i])
         f.z_x[i], f.z_y[i] = gx, gy
 
 
 @inline
-def thirds(p, h, f, i):
+def thirds(p, h, z, f, i):
     """N_xxx, N_xxy, N_xyy and N_yyy at point i."""
     gx, gy = f.z_x[i], f.z_y[i]
     exx, eyx = solved(p, i, f.m_xx[i], f.m_xy[i])
     exy, eyy = solved(p, i, f.m_xy[i], f.m_yy[i])
-    xxx = h.z_xxx[i] - (gx * h.x_xxx[i] + gy * h.x_xxy[i])
-    xxy = h.z_xxy[i] - (gx * h.x_xxy[i] + gy * h.x_xyy[i])
-    xyy = h.z_xyy[i] - (gx * h.x_xyy[i] + gy * h.x_yyy[i])
-    yyy = h.z_yyy[i] - (gx * h.x_yyy[i] + gy * h.y_yyy[i])
+    xxx = z.z_xxx[i] - (gx * h.x_xxx[i] + gy * h.x_xxy[i])
+    xxy = z.z_xxy[i] - (gx * h.x_xxy[i] + gy * h.x_xyy[i])
+    xyy = z.z_xyy[i] - (gx * h.x_xyy[i] + gy * h.x_yyy[i])
+    yyy = z.z_yyy[i] - (gx * h.x_yyy[i] + gy * h.y_yyy[i])
     x_xx, x_xy, x_yy, y_yy = h.x_xx[i], h.x_xy[i], h.x_yy[i], h.y_yy[i]
     return (
         xxx - 3.0 * (x_xx * exx + x_xy * eyx),
@@ -134,12 +147,12 @@ def thirds(p, h, f, i):
 
 
 @kernel
-def derivatives(count, sums, higher, first, surface_out):
-    """Height and all derivatives of the surface at the particles: loops with as few fields as can
-    be, which vectorise."""
-    p, h, f, s = sums[0], higher[0], first[0], surface_out[0]
+def third_derivatives(count, sums, higher, field, first, place_out):
+    """Third derivatives by place of a FIELD by label: loops with as few fields as can be, which
+    vectorise."""
+    p, h, z, f, s = sums[0], higher[0], field[0], first[0], place_out[0]
     for i in range(count):
-        xxx, xxy, xyy, yyy = thirds(p, h, f, i)
+        xxx, xxy, xyy, yyy = thirds(p, h, z, f, i)
         ax, bx = solved(p, i, xxx, xxy)
         ay, by = solved(p, i, xxy, xyy)
         az, bz = solved(p, i, xyy, yyy)
@@ -150,12 +163,18 @@ def derivatives(count, sums, higher, first, surface_out):
         s.z_xxx[i], s.z_xxy[i] = solved(p, i, xxx, xxy)
         s.z_xyy[i] = solved(p, i, xyx, xyy)[1]
         s.z_yyy[i] = solved(p, i, yyx, yyy)[1]
+
+
+@kernel
+def second_derivatives(count, sums, field, first, place_out):
+    """Value, slopes and second derivatives by place of a FIELD by label."""
+    p, z, f, s = sums[0], field[0], first[0], place_out[0]
     for i in range(count):
         px, py = solved(p, i, f.m_xx[i], f.m_xy[i])
         qx, qy = solved(p, i, f.m_xy[i], f.m_yy[i])
         s.z_xx[i], s.z_xy[i] = solved(p, i, px, qx)
         s.z_yy[i] = solved(p, i, py, qy)[1]
-        s.z[i], s.z_x[i], s.z_y[i] = p.z[i], f.z_x[i], f.z_y[i]
+        s.z[i], s.z_x[i], s.z_y[i] = z.z[i], f.z_x[i], f.z_y[i]
 
 
 @kernel
@@ -217,6 +236,25 @@ def gather_jets(surface, labels, jets_out):
 
 
 @kernel
+def solve_particles(x, y, waves, time, tolerance, steps, labels, nearer, sums_out, higher_out):
+    """LABELS (in either workspace, which is returned first, then the other) near the points x, y:
+    (N,) [m], their SUMS and HIGHER_SUMS, and their number, filled up to LANES; see `solve_jets`."""
+    heights = np.empty(x.size)
+    filled = set_labels(x, y, labels)
+    set_labels(x, y, nearer)
+    for _ in range(steps):
+        wave_sums(filled, waves, time, labels, sums_out)
+        newton_labels(x, y, labels, sums_out, heights, nearer)
+        labels, nearer = nearer, labels
+    jet_sums(filled, waves, time, labels, sums_out, higher_out)
+    if not largest_residual(x, y, labels, sums_out) <= tolerance * tolerance:
+        solve_labels(x, y, labels, waves, time, tolerance, 1, heights, nearer)
+        labels, nearer = nearer, labels
+        jet_sums(filled, waves, time, labels, sums_out, higher_out)
+    return labels, nearer, filled
+
+
+@kernel
 def solve_jets(x, y, waves, time, tolerance, steps, jets_out):
     """Jets (N,) of the surface at the points x, y: (N,) [m], from one solve.
 
@@ -225,24 +263,17 @@ def solve_jets(x, y, waves, time, tolerance, steps, jets_out):
     are smooth functions of the point however loose the tolerance is.
     """
     labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
-    higher, first = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST)
-    at_particles, at_points = np.empty(1, SURFACE), np.empty(1, SURFACE)
-    heights = np.empty(CHUNK)
+    higher, first, heights = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, FIELD)
+    at_particles, at_points = np.empty(1, FIELD), np.empty(1, FIELD)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
         px, py = x[start:end], y[start:end]
-        filled = set_labels(px, py, labels)
-        set_labels(px, py, nearer)
-        for _ in range(steps):
-            wave_sums(filled, waves, time, labels, sums)
-            newton_labels(px, py, labels, sums, heights, nearer)
-            labels, nearer = nearer, labels
-        jet_sums(filled, waves, time, labels, sums, higher)
-        if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
-            solve_labels(px, py, labels, waves, time, tolerance, 1, heights[: end - start], nearer)
-            labels, nearer = nearer, labels
-            jet_sums(filled, waves, time, labels, sums, higher)
-        first_derivatives(filled, sums, higher, first)
-        derivatives(filled, sums, higher, first, at_particles)
+        labels, nearer, filled = solve_particles(
+            px, py, waves, time, tolerance, steps, labels, nearer, sums, higher
+        )
+        copy_heights(filled, sums, higher, heights)
+        first_derivatives(filled, sums, higher, heights, first)
+        third_derivatives(filled, sums, higher, heights, first, at_particles)
+        second_derivatives(filled, sums, heights, first, at_particles)
         shifted(px, py, labels, sums, at_particles, at_points, nearer)
         gather_jets(at_points, nearer, jets_out[start:end])

@@ -7,26 +7,12 @@ the surface and off by a relative k a at depth, where little is left of the moti
 
 import numpy as np
 
-from sim.kernels import inline, kernel, record
-from sim.water.gerstner import LABELS, LANES, ROW, set_labels, sine_cosine, solve_labels
-from sim.water.head import head
+from sim.kernels import kernel, record
+from sim.water.gerstner import LABELS, LANES, ROW, decay, set_labels, sine_cosine, solve_labels
+from sim.water.head import depth
 
 VELOCITIES = record(x=ROW, y=ROW, z=ROW)
 """Workspace: velocities [m/s] of the water at a chunk's points."""
-
-
-@inline
-def decay(x):
-    """exp(-x) for x >= 0 as (1 - y + ... + y^4/24)^64 with y = x/64 up to 1: to 5e-10 at x = 1 and
-    5e-5 at 10, never rising. Without a call in it, a loop over it vectorises."""
-    y = min(x / 64.0, 1.0)
-    power = 1.0 - y * (1.0 - y * (0.5 - y * (1.0 / 6.0 - y / 24.0)))
-    power *= power
-    power *= power
-    power *= power
-    power *= power
-    power *= power
-    return power * power
 
 
 @kernel
@@ -75,6 +61,6 @@ def water_motion(point, waves, water, time, motion_out):
     x, y = point[:1], point[1:2]
     set_labels(x, y, guess)
     solve_labels(x, y, guess, waves, time, water[0].tolerance, 1, height, labels)
-    depths[:] = max(head(height[0], point[2] - water[0].level), 0.0)
+    depths[:] = max(depth(height[0], point[2] - water[0].level), 0.0)
     water_velocities(1, depths, waves, time, labels, velocities)
     motion_below(depths[0], waves, time, labels, velocities, motion_out)

@@ -13,13 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.kernels import read_only
 from sim.water.gerstner import WATER, solve_heights
-from sim.water.head import solve_heads
+from sim.water.head import PRESSURES, solve_heads
 from sim.water.jets import JET, solve_jets
 from sim.water.spectrum import DEFAULT_SPREAD, jonswap
 from sim.water.wave import Wave, wave_table
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
+
+DEFAULT_PRESSURE = "hydrostatic"
 
 ELEVATION_ERROR = 1e-13
 """Error [m] that the solver leaves in an elevation, apart from the round-off of the position. It
@@ -40,9 +42,12 @@ class Surface(NamedTuple):
 class Sea:
     """A sum of Gerstner waves over still water at `level` [m].
 
-    waves: any number, none for flat water; density [kg/m^3]; gravity [m/s^2], downwards.
-    Positions are world coordinates [m], times [s]; x, y, z and time broadcast. Immutable.
-    Raises ValueError for waves that fold (sum of k a at 1 or above) and unusable numbers.
+    waves: any number, none for flat water; density [kg/m^3]; gravity [m/s^2], downwards; pressure:
+    "froude-krylov", where that of the waves decays with depth, or "hydrostatic" (see `head`).
+    `level` is the mean of the particles' heights; that of the surface over places, and of the water
+    that deep bodies feel, lies sum k a^2 / 2 below it, because crests are narrow. Positions are
+    world coordinates [m], times [s]; x, y, z and time broadcast. Immutable. Raises ValueError for
+    waves that fold (sum of k a at 1 or above) and unusable numbers.
 
     steepness: sum of k a over the waves, the surface is a graph below 1; amplitude [m]: sum of
     the amplitudes, no crest rises and no trough falls further from the level; components: the waves
@@ -53,6 +58,7 @@ class Sea:
     density: float = 1025.0
     gravity: float = 9.81
     level: float = 0.0
+    pressure: str = DEFAULT_PRESSURE
     steepness: float = field(init=False, repr=False, compare=False)
     amplitude: float = field(init=False, repr=False, compare=False)
     components: Table = field(init=False, repr=False, compare=False)
@@ -64,7 +70,10 @@ class Sea:
         density: float = 1025.0,
         gravity: float = 9.81,
         level: float = 0.0,
+        pressure: str = DEFAULT_PRESSURE,
     ) -> None:
+        if pressure not in PRESSURES:
+            raise ValueError(f"water pressure is '{pressure}'; expected {' or '.join(PRESSURES)}")
         for name, value in (("density", density), ("gravity", gravity)):
             if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"water {name} is {value}; it must be finite and above 0")
@@ -72,6 +81,7 @@ class Sea:
             raise ValueError(f"water level is {level}; it must be a finite number")
         waves = tuple(waves)
         self._set(waves=waves, density=float(density), gravity=float(gravity), level=float(level))
+        self._set(pressure=pressure)
         self._set(steepness=float(sum(w.steepness for w in waves)))
         self._set(amplitude=float(sum(w.amplitude for w in waves)))
         if self.steepness >= 1.0:
@@ -81,7 +91,8 @@ class Sea:
                 f"{1.0 / self.steepness:.3f} or lengthen the waves"
             )
         scale = -self.density * self.gravity
-        numbers = (self.level, self.amplitude, self._residual_tolerance(), scale)
+        decays = pressure != "hydrostatic"
+        numbers = (self.level, self.amplitude, self._residual_tolerance(), scale, decays)
         water = read_only(np.array([numbers], WATER))
         self._set(components=wave_table(waves, self.gravity), water=water)
 
@@ -102,6 +113,7 @@ class Sea:
         density: float = 1025.0,
         gravity: float = 9.81,
         level: float = 0.0,
+        pressure: str = DEFAULT_PRESSURE,
     ) -> "Sea":
         """An irregular sea with the JONSWAP spectrum (see `spectrum`).
 
@@ -112,7 +124,7 @@ class Sea:
         Raises ValueError for numbers that cannot be and for waves that fold.
         """
         shape = (significant_height, peak_period, gamma, heading, spread, waves, seed)
-        return cls(jonswap(*shape, gravity), density, gravity, level)
+        return cls(jonswap(*shape, gravity), density, gravity, level, pressure)
 
     def _residual_tolerance(self) -> float:
         """Residual [m] that leaves ELEVATION_ERROR once its first-order effect is made up for: a
@@ -149,9 +161,16 @@ class Sea:
 
         return _per_time(solve, time, x, y)
 
+    @property
+    def hydrostatic(self) -> "Sea":
+        """The same water with hydrostatic pressure, whose heads are depths below the surface."""
+        if self.pressure == "hydrostatic":
+            return self
+        return Sea(self.waves, self.density, self.gravity, self.level, "hydrostatic")
+
     def head(self, x: ArrayLike, y: ArrayLike, z: ArrayLike, time: ArrayLike) -> Array:
         """Pressure of the water over density * gravity [m] at places (x, y, z) at a time: positive
-        below the surface, zero on it, negative above; as right as an elevation."""
+        below the surface, zero on it, negative above; as right as an elevation (see `head`)."""
 
         def solve(time: float, x: Array, y: Array, z: Array) -> Array:
             heads = np.empty(x.size)

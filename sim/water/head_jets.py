@@ -1,0 +1,234 @@
+"""Head jets: the head around a place as a cubic in x, y and z, from one solve.
+
+Under waves whose pressure decays the head (see `head`) is, with z' = z - level and
+s = z' - z(alpha) <= 0 the height above the surface,
+
+    h = F(alpha, s) - z',     F = sum a E sin(theta) - sum (k a^2 / 2) (1 - E)^2,    E = e^(k s),
+
+a function of the label alpha and of z'. At a fixed z' it is a function of the particles as the
+surface's height is, so the same chain rule (`jets`) turns its derivatives by label,
+
+    h_a   = F_a - F_s z_a
+    h_ab  = F_ab - (F_as z_b + F_bs z_a) + F_ss z_a z_b - F_s z_ab
+    h_abc = F_abc - (F_abs z_c + ..) + (F_ass z_b z_c + ..) - F_sss z_a z_b z_c
+            - (F_as z_bc + ..) + F_ss (z_a z_bc + ..) - F_s z_abc,
+
+into those by place; its derivatives by z, h_z = F_s - 1, h_zz = F_ss and h_zzz = F_sss, are such
+functions again. As directions are unit vectors, F_ss, F_ass and F_sss are traces of others, but for
+what the last sum adds.
+
+Where the place is above the surface the cubic is that of the surface right below, extended: inside
+a patch that the water cuts the head then goes on smoothly beyond the surface.
+"""
+
+import numpy as np
+
+from sim.kernels import inline, kernel, record
+from sim.water.gerstner import CHUNK, LABELS, ROW, SUMS, decay, sine_cosine, solved
+from sim.water.jets import (
+    FIELD,
+    FIRST,
+    HIGHER_SUMS,
+    first_derivatives,
+    second_derivatives,
+    shifted,
+    solve_particles,
+    third_derivatives,
+)
+
+HEAD_JET = record(
+    h="f8", x="f8", y="f8", z="f8", xx="f8", xy="f8", yy="f8", xz="f8", yz="f8", zz="f8",
+    xxx="f8", xxy="f8", xyy="f8", yyy="f8", xxz="f8", xyz="f8", yyz="f8",
+    xzz="f8", yzz="f8", zzz="f8",
+)  # fmt: skip
+"""The head [m] at a place and its derivatives there."""
+
+DECAYED = record(
+    s=ROW, lost=ROW, x=ROW, y=ROW, s_1=ROW, xx=ROW, xy=ROW, yy=ROW, xs=ROW, ys=ROW,
+    xxx=ROW, xxy=ROW, xyy=ROW, yyy=ROW, xxs=ROW, xys=ROW, yys=ROW, s_2=ROW, s_3=ROW,
+)  # fmt: skip
+"""Workspace: heights s [m] above the surface, at most 0, what decay takes of the head there [m],
+and derivatives of F: s_1 all of F_s, but s_2 and s_3 only the last sum's part of F_ss and F_sss."""
+
+
+@kernel
+def set_depths(count, above, sums, decayed_out):
+    """Heights of the first `count` particles' places above the surface; 0 for those above it, and
+    beyond the places above: (N,) [m], heights above the level."""
+    p, d = sums[0], decayed_out[0]
+    for i in range(above.size):
+        d.s[i] = min(above[i] - p.z[i], 0.0)
+    for i in range(above.size, count):
+        d.s[i] = 0.0
+
+
+@kernel
+def clear_decayed(count, decayed_out):
+    d = decayed_out[0]
+    for i in range(count):
+        d.lost[i], d.x[i], d.y[i], d.s_1[i], d.xx[i], d.xy[i] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        d.yy[i], d.xs[i], d.ys[i], d.s_2[i], d.s_3[i] = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(count):
+        d.xxx[i], d.xxy[i], d.xyy[i], d.yyy[i] = 0.0, 0.0, 0.0, 0.0
+        d.xxs[i], d.xys[i], d.yys[i] = 0.0, 0.0, 0.0
+
+
+@kernel
+def decayed_sums(count, waves, time, labels, higher, decayed_out):
+    """DECAYED at the first `count` LABELS, for heights that it has. Loops with few fields each,
+    which the compiler vectorises; HIGHER_SUMS lends its sine and cosine."""
+    at, h, d = labels[0], higher[0], decayed_out[0]
+    clear_decayed(count, decayed_out)
+    for w in range(waves.size):
+        wave = waves[w]
+        turns_x, turns_y = wave.turns_x, wave.turns_y
+        turns = wave.turns - wave.frequency * time
+        a, dx, dy, k = wave.amplitude, wave.direction_x, wave.direction_y, wave.wavenumber
+        ka, kka, kkka = wave.ka, wave.kka, wave.kkka
+        xx, xy, yy = dx * dx, dx * dy, dy * dy
+        for i in range(count):
+            s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
+            e = decay(-k * d.s[i])
+            d.lost[i] += a * (1.0 - e) * (s + 0.5 * ka * (1.0 - e))
+            second = ka * ka * e
+            d.s_1[i] += ka * e * s + second * (1.0 - e)
+            d.s_2[i] += k * second * (1.0 - 2.0 * e)
+            d.s_3[i] += k * k * second * (1.0 - 4.0 * e)
+            h.sine[i], h.cosine[i] = e * s, e * c
+        for i in range(count):
+            s, c = kka * h.sine[i], kka * h.cosine[i]
+            d.x[i] += dx * ka * h.cosine[i]
+            d.y[i] += dy * ka * h.cosine[i]
+            d.xx[i] -= xx * s
+            d.xy[i] -= xy * s
+            d.yy[i] -= yy * s
+            d.xs[i] += dx * c
+            d.ys[i] += dy * c
+        for i in range(count):
+            s, c = kkka * h.sine[i], kkka * h.cosine[i]
+            d.xxx[i] -= dx * xx * c
+            d.xxy[i] -= dy * xx * c
+            d.xyy[i] -= dx * yy * c
+            d.yyy[i] -= dy * yy * c
+            d.xxs[i] -= xx * s
+            d.xys[i] -= xy * s
+            d.yys[i] -= yy * s
+
+
+@inline
+def vertical(d, i):
+    """F_s, F_ss, F_xss, F_yss and F_sss."""
+    return (
+        d.s_1[i], d.s_2[i] - (d.xx[i] + d.yy[i]), -(d.xxx[i] + d.xyy[i]),
+        -(d.xxy[i] + d.yyy[i]), d.s_3[i] - (d.xxs[i] + d.yys[i]),
+    )  # fmt: skip
+
+
+@kernel
+def head_by_label(count, sums, higher, decayed, field_out):
+    """Head and its derivatives by label at a fixed height, as a FIELD."""
+    p, h, d, f = sums[0], higher[0], decayed[0], field_out[0]
+    for i in range(count):
+        s, ss, _, _, _ = vertical(d, i)
+        zx, zy = p.z_x[i], p.z_y[i]
+        f.z[i] = -d.s[i] - d.lost[i]
+        f.z_x[i], f.z_y[i] = d.x[i] - s * zx, d.y[i] - s * zy
+        f.z_xx[i] = d.xx[i] - 2.0 * d.xs[i] * zx + ss * zx * zx - s * h.z_xx[i]
+        f.z_xy[i] = d.xy[i] - (d.xs[i] * zy + d.ys[i] * zx) + ss * zx * zy - s * h.z_xy[i]
+        f.z_yy[i] = d.yy[i] - 2.0 * d.ys[i] * zy + ss * zy * zy - s * h.z_yy[i]
+    for i in range(count):
+        s, ss, xss, yss, sss = vertical(d, i)
+        zx, zy, zxx, zxy, zyy = p.z_x[i], p.z_y[i], h.z_xx[i], h.z_xy[i], h.z_yy[i]
+        bx, by = ss * zx - d.xs[i], ss * zy - d.ys[i]
+        f.z_xxx[i] = (
+            d.xxx[i] - 3.0 * d.xxs[i] * zx + (3.0 * xss - sss * zx) * zx * zx
+            + 3.0 * bx * zxx - s * h.z_xxx[i]
+        )  # fmt: skip
+        f.z_xxy[i] = (
+            d.xxy[i] - d.xxs[i] * zy - 2.0 * d.xys[i] * zx + (2.0 * xss * zy + yss * zx) * zx
+            - sss * zx * zx * zy + by * zxx + 2.0 * bx * zxy - s * h.z_xxy[i]
+        )  # fmt: skip
+        f.z_xyy[i] = (
+            d.xyy[i] - d.yys[i] * zx - 2.0 * d.xys[i] * zy + (2.0 * yss * zx + xss * zy) * zy
+            - sss * zx * zy * zy + bx * zyy + 2.0 * by * zxy - s * h.z_xyy[i]
+        )  # fmt: skip
+        f.z_yyy[i] = (
+            d.yyy[i] - 3.0 * d.yys[i] * zy + (3.0 * yss - sss * zy) * zy * zy
+            + 3.0 * by * zyy - s * h.z_yyy[i]
+        )  # fmt: skip
+
+
+@kernel
+def slope_by_label(count, sums, higher, decayed, field_out):
+    """h_z and its first and second derivatives by label, as a FIELD."""
+    p, h, d, f = sums[0], higher[0], decayed[0], field_out[0]
+    for i in range(count):
+        s, ss, xss, yss, sss = vertical(d, i)
+        zx, zy = p.z_x[i], p.z_y[i]
+        f.z[i] = s - 1.0
+        f.z_x[i], f.z_y[i] = d.xs[i] - ss * zx, d.ys[i] - ss * zy
+        f.z_xx[i] = d.xxs[i] - 2.0 * xss * zx + sss * zx * zx - ss * h.z_xx[i]
+        f.z_xy[i] = d.xys[i] - (xss * zy + yss * zx) + sss * zx * zy - ss * h.z_xy[i]
+        f.z_yy[i] = d.yys[i] - 2.0 * yss * zy + sss * zy * zy - ss * h.z_yy[i]
+
+
+@inline
+def bend(p, d, i):
+    """h_zz with its slopes by place, and h_zzz."""
+    _, ss, xss, yss, sss = vertical(d, i)
+    gx, gy = solved(p, i, xss - sss * p.z_x[i], yss - sss * p.z_y[i])
+    return ss, gx, gy, sss
+
+
+@kernel
+def gather_heads(x, y, above, labels, sums, decayed, head, slope, jets_out):
+    """HEAD_JETs (N,) at the points x, y so far above the level (N,) [m]: the head's FIELD is at
+    these points already, h_z's and what follows it are moved there, and all of them up, for places
+    above the surface."""
+    at, p, d, f, g = labels[0], sums[0], decayed[0], head[0], slope[0]
+    for i in range(jets_out.size):
+        jet = jets_out[i]
+        rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
+        up = max(above[i] - p.z[i], 0.0)
+        zz, xzz, yzz, zzz = bend(p, d, i)
+        zz += xzz * rx + yzz * ry
+        xz = g.z_x[i] + (g.z_xx[i] * rx + g.z_xy[i] * ry)
+        yz = g.z_y[i] + (g.z_xy[i] * rx + g.z_yy[i] * ry)
+        z = g.z[i] + 0.5 * ((g.z_x[i] + xz) * rx + (g.z_y[i] + yz) * ry)
+        jet.h = f.z[i] + up * (z + up * (0.5 * zz + up * zzz / 6.0))
+        jet.x = f.z_x[i] + up * (xz + 0.5 * up * xzz)
+        jet.y = f.z_y[i] + up * (yz + 0.5 * up * yzz)
+        jet.z = z + up * (zz + 0.5 * up * zzz)
+        jet.xx, jet.xy = f.z_xx[i] + up * g.z_xx[i], f.z_xy[i] + up * g.z_xy[i]
+        jet.yy = f.z_yy[i] + up * g.z_yy[i]
+        jet.xz, jet.yz, jet.zz = xz + up * xzz, yz + up * yzz, zz + up * zzz
+        jet.xxx, jet.xxy, jet.xyy, jet.yyy = f.z_xxx[i], f.z_xxy[i], f.z_xyy[i], f.z_yyy[i]
+        jet.xxz, jet.xyz, jet.yyz = g.z_xx[i], g.z_xy[i], g.z_yy[i]
+        jet.xzz, jet.yzz, jet.zzz = xzz, yzz, zzz
+
+
+@kernel
+def solve_head_jets(x, y, above, waves, time, tolerance, steps, jets_out):
+    """HEAD_JETs (N,) at the points x, y: (N,) [m], so far above the level (N,) [m], from one solve
+    (see `jets.solve_jets`)."""
+    labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
+    higher, first, decayed = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, DECAYED)
+    field, at_particles, at_points = np.empty(1, FIELD), np.empty(1, FIELD), np.empty(1, FIELD)
+    slope = np.empty(1, FIELD)
+    for start in range(0, x.size, CHUNK):
+        end = min(start + CHUNK, x.size)
+        px, py, places = x[start:end], y[start:end], above[start:end]
+        labels, nearer, filled = solve_particles(
+            px, py, waves, time, tolerance, steps, labels, nearer, sums, higher
+        )
+        set_depths(filled, places, sums, decayed)
+        decayed_sums(filled, waves, time, labels, higher, decayed)
+        head_by_label(filled, sums, higher, decayed, field)
+        first_derivatives(filled, sums, higher, field, first)
+        third_derivatives(filled, sums, higher, field, first, at_particles)
+        second_derivatives(filled, sums, field, first, at_particles)
+        shifted(px, py, labels, sums, at_particles, at_points, nearer)
+        slope_by_label(filled, sums, higher, decayed, field)
+        first_derivatives(filled, sums, higher, field, first)
+        second_derivatives(filled, sums, field, first, slope)
+        gather_heads(px, py, places, labels, sums, decayed, at_points, slope, jets_out[start:end])
