@@ -23,6 +23,8 @@ Sources: Gerstner 1802; Tessendorf 2001 for sums of such waves; Dennis and Schna
 chapter 6, for the safeguarded Newton iteration.
 """
 
+from math import factorial
+
 import numpy as np
 
 from sim.kernels import inline, kernel, record
@@ -94,6 +96,9 @@ COSINE = (
     0.2719458494999813,
 )
 
+TAYLOR = tuple(1.0 / factorial(n) for n in range(10))
+"""Of the exponential."""
+
 
 @inline
 def sine_cosine(turns):
@@ -123,16 +128,17 @@ def sine_cosine(turns):
 def decay(x):
     """exp(-x) for x >= 0, to 4e-16: (exp(-x / 64))^64 by Taylor's polynomial of degree 9, held at
     3e-20 where that would end. Without a call in it, a loop over it vectorises."""
-    y = min(x / 64.0, 0.7)
-    power = 1.0 - y / 9.0
-    power = 1.0 - power * y / 8.0
-    power = 1.0 - power * y / 7.0
-    power = 1.0 - power * y / 6.0
-    power = 1.0 - power * y / 5.0
-    power = 1.0 - power * y / 4.0
-    power = 1.0 - power * y / 3.0
-    power = 1.0 - power * y / 2.0
-    power = 1.0 - power * y
+    y = min(x * 0.015625, 0.7)
+    power = TAYLOR[9]
+    power = TAYLOR[8] - y * power
+    power = TAYLOR[7] - y * power
+    power = TAYLOR[6] - y * power
+    power = TAYLOR[5] - y * power
+    power = TAYLOR[4] - y * power
+    power = TAYLOR[3] - y * power
+    power = TAYLOR[2] - y * power
+    power = 1.0 - y * power
+    power = 1.0 - y * power
     power *= power
     power *= power
     power *= power

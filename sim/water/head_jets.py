@@ -24,15 +24,32 @@ a patch that the water cuts the head then goes on smoothly beyond the surface.
 import numpy as np
 
 from sim.kernels import inline, kernel, record
-from sim.water.gerstner import CHUNK, LABELS, ROW, SUMS, decay, sine_cosine, solved
+from sim.water.gerstner import (
+    CHUNK,
+    LABELS,
+    ROW,
+    SUMS,
+    add_wave,
+    clear_sums,
+    decay,
+    newton_labels,
+    sine_cosine,
+    solve_labels,
+    solved,
+    wave_sums,
+)
 from sim.water.jets import (
     FIELD,
     FIRST,
     HIGHER_SUMS,
+    add_second,
+    add_third,
+    clear_higher,
     first_derivatives,
+    largest_residual,
     second_derivatives,
     shifted,
-    solve_particles,
+    step_labels,
     third_derivatives,
 )
 
@@ -52,19 +69,18 @@ and derivatives of F: s_1 all of F_s, but s_2 and s_3 only the last sum's part o
 
 
 @kernel
-def set_depths(count, above, sums, decayed_out):
-    """Heights of the first `count` particles' places above the surface; 0 for those above it, and
-    beyond the places above: (N,) [m], heights above the level."""
-    p, d = sums[0], decayed_out[0]
+def set_depths(count, above, heights, decayed_out):
+    """Heights of the first `count` particles' places above the surface, from heights (N,) [m] of
+    both above the level: 0 for those above it, and beyond the places."""
+    d = decayed_out[0]
     for i in range(above.size):
-        d.s[i] = min(above[i] - p.z[i], 0.0)
+        d.s[i] = min(above[i] - heights[i], 0.0)
     for i in range(above.size, count):
         d.s[i] = 0.0
 
 
-@kernel
-def clear_decayed(count, decayed_out):
-    d = decayed_out[0]
+@inline
+def clear_decayed(d, count):
     for i in range(count):
         d.lost[i], d.x[i], d.y[i], d.s_1[i], d.xx[i], d.xy[i] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         d.yy[i], d.xs[i], d.ys[i], d.s_2[i], d.s_3[i] = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -73,46 +89,67 @@ def clear_decayed(count, decayed_out):
         d.xxs[i], d.xys[i], d.yys[i] = 0.0, 0.0, 0.0
 
 
+@inline
+def add_firsts(d, i, s, c, e, a, ka, k, dx, dy):
+    """Add one wave, of phase sine s, cosine c and decay e, to what decay takes of the head, to the
+    first derivatives, and to those of the last sum."""
+    lost, second = 1.0 - e, ka * ka * e
+    d.lost[i] += a * lost * (s + 0.5 * ka * lost)
+    d.x[i] += dx * (ka * e * c)
+    d.y[i] += dy * (ka * e * c)
+    d.s_1[i] += ka * e * s + second * lost
+    d.s_2[i] += k * second * (1.0 - 2.0 * e)
+    d.s_3[i] += k * k * second * (1.0 - 4.0 * e)
+
+
+@inline
+def add_others(d, i, s, c, kka, kkka, dx, dy):
+    """Add one wave, of decayed sine s and cosine c, to the other derivatives."""
+    xx, xy, yy = dx * dx, dx * dy, dy * dy
+    d.xx[i] -= xx * (kka * s)
+    d.xy[i] -= xy * (kka * s)
+    d.yy[i] -= yy * (kka * s)
+    d.xs[i] += dx * (kka * c)
+    d.ys[i] += dy * (kka * c)
+    s, c = kkka * s, kkka * c
+    d.xxx[i] -= dx * xx * c
+    d.xxy[i] -= dy * xx * c
+    d.xyy[i] -= dx * yy * c
+    d.yyy[i] -= dy * yy * c
+    d.xxs[i] -= xx * s
+    d.xys[i] -= xy * s
+    d.yys[i] -= yy * s
+
+
 @kernel
-def decayed_sums(count, waves, time, labels, higher, decayed_out):
-    """DECAYED at the first `count` LABELS, for heights that it has. Loops with few fields each,
-    which the compiler vectorises; HIGHER_SUMS lends its sine and cosine."""
-    at, h, d = labels[0], higher[0], decayed_out[0]
-    clear_decayed(count, decayed_out)
+def head_sums(count, waves, time, labels, sums_out, higher_out, decayed_out):
+    """SUMS, HIGHER_SUMS and DECAYED at the first `count` LABELS, for heights that the last has.
+    Loops with few fields each, which the compiler vectorises."""
+    at, p, h, d = labels[0], sums_out[0], higher_out[0], decayed_out[0]
+    clear_sums(p, count)
+    clear_higher(h, count)
+    clear_decayed(d, count)
     for w in range(waves.size):
         wave = waves[w]
         turns_x, turns_y = wave.turns_x, wave.turns_y
         turns = wave.turns - wave.frequency * time
         a, dx, dy, k = wave.amplitude, wave.direction_x, wave.direction_y, wave.wavenumber
         ka, kka, kkka = wave.ka, wave.kka, wave.kkka
-        xx, xy, yy = dx * dx, dx * dy, dy * dy
         for i in range(count):
             s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
-            e = decay(-k * d.s[i])
-            d.lost[i] += a * (1.0 - e) * (s + 0.5 * ka * (1.0 - e))
-            second = ka * ka * e
-            d.s_1[i] += ka * e * s + second * (1.0 - e)
-            d.s_2[i] += k * second * (1.0 - 2.0 * e)
-            d.s_3[i] += k * k * second * (1.0 - 4.0 * e)
+            h.sine[i], h.cosine[i] = s, c
+        for i in range(count):
+            add_wave(p, i, h.sine[i], h.cosine[i], a, ka, dx, dy)
+        for i in range(count):
+            add_second(h, i, kka * h.sine[i], kka * h.cosine[i], dx, dy)
+        for i in range(count):
+            add_third(h, i, kkka * h.sine[i], kkka * h.cosine[i], dx, dy)
+        for i in range(count):
+            e, s, c = decay(-k * d.s[i]), h.sine[i], h.cosine[i]
+            add_firsts(d, i, s, c, e, a, ka, k, dx, dy)
             h.sine[i], h.cosine[i] = e * s, e * c
         for i in range(count):
-            s, c = kka * h.sine[i], kka * h.cosine[i]
-            d.x[i] += dx * ka * h.cosine[i]
-            d.y[i] += dy * ka * h.cosine[i]
-            d.xx[i] -= xx * s
-            d.xy[i] -= xy * s
-            d.yy[i] -= yy * s
-            d.xs[i] += dx * c
-            d.ys[i] += dy * c
-        for i in range(count):
-            s, c = kkka * h.sine[i], kkka * h.cosine[i]
-            d.xxx[i] -= dx * xx * c
-            d.xxy[i] -= dy * xx * c
-            d.xyy[i] -= dx * yy * c
-            d.yyy[i] -= dy * yy * c
-            d.xxs[i] -= xx * s
-            d.xys[i] -= xy * s
-            d.yys[i] -= yy * s
+            add_others(d, i, h.sine[i], h.cosine[i], kka, kkka, dx, dy)
 
 
 @inline
@@ -183,13 +220,13 @@ def bend(p, d, i):
 @kernel
 def gather_heads(x, y, above, labels, sums, decayed, head, slope, jets_out):
     """HEAD_JETs (N,) at the points x, y so far above the level (N,) [m]: the head's FIELD is at
-    these points already, h_z's and what follows it are moved there, and all of them up, for places
-    above the surface."""
+    these points already, h_z's and what follows it are moved there, and all of them up: for places
+    above the surface, and by what the heights that the sums are for missed."""
     at, p, d, f, g = labels[0], sums[0], decayed[0], head[0], slope[0]
     for i in range(jets_out.size):
         jet = jets_out[i]
         rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
-        up = max(above[i] - p.z[i], 0.0)
+        up = above[i] - (p.z[i] + d.s[i])
         zz, xzz, yzz, zzz = bend(p, d, i)
         zz += xzz * rx + yzz * ry
         xz = g.z_x[i] + (g.z_xx[i] * rx + g.z_xy[i] * ry)
@@ -208,6 +245,29 @@ def gather_heads(x, y, above, labels, sums, decayed, head, slope, jets_out):
 
 
 @kernel
+def solve_head_sums(
+    x, y, above, waves, time, tolerance, steps, labels, nearer, sums_out, higher_out, decayed_out
+):
+    """LABELS near the points, all their sums, and their number; see `solve_head_jets`. Returns the
+    labels' workspace, the other, and the number, filled up to LANES."""
+    heights = np.empty(x.size)
+    labels, nearer, filled = step_labels(
+        x, y, waves, time, steps, labels, nearer, sums_out, heights
+    )
+    if steps == 0:  # heights to begin with, for the same labels
+        wave_sums(filled, waves, time, labels, sums_out)
+        newton_labels(x, y, labels, sums_out, heights, nearer)
+    set_depths(filled, above, heights, decayed_out)
+    head_sums(filled, waves, time, labels, sums_out, higher_out, decayed_out)
+    if not largest_residual(x, y, labels, sums_out) <= tolerance * tolerance:
+        solve_labels(x, y, labels, waves, time, tolerance, 1, heights, nearer)
+        labels, nearer = nearer, labels
+        set_depths(filled, above, heights, decayed_out)
+        head_sums(filled, waves, time, labels, sums_out, higher_out, decayed_out)
+    return labels, nearer, filled
+
+
+@kernel
 def solve_head_jets(x, y, above, waves, time, tolerance, steps, jets_out):
     """HEAD_JETs (N,) at the points x, y: (N,) [m], so far above the level (N,) [m], from one solve
     (see `jets.solve_jets`)."""
@@ -218,11 +278,9 @@ def solve_head_jets(x, y, above, waves, time, tolerance, steps, jets_out):
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
         px, py, places = x[start:end], y[start:end], above[start:end]
-        labels, nearer, filled = solve_particles(
-            px, py, waves, time, tolerance, steps, labels, nearer, sums, higher
+        labels, nearer, filled = solve_head_sums(
+            px, py, places, waves, time, tolerance, steps, labels, nearer, sums, higher, decayed
         )
-        set_depths(filled, places, sums, decayed)
-        decayed_sums(filled, waves, time, labels, higher, decayed)
         head_by_label(filled, sums, higher, decayed, field)
         first_derivatives(filled, sums, higher, field, first)
         third_derivatives(filled, sums, higher, field, first, at_particles)

@@ -57,18 +57,52 @@ FIRST = record(z_x=ROW, z_y=ROW, m_xx=ROW, m_xy=ROW, m_yy=ROW)
 """Workspace: slopes of a function by place, and M of the module's docstring."""
 
 
-@kernel
-def jet_sums(count, waves, time, labels, sums_out, higher_out):
-    """The SUMS and HIGHER_SUMS at the first `count` LABELS. Loops with few fields each, which the
-    compiler vectorises."""
-    at, p, h = labels[0], sums_out[0], higher_out[0]
-    clear_sums(p, count)
+@inline
+def clear_higher(h, count):
+    """Set the first `count` of all higher sums to 0, in loops with few fields each."""
     for i in range(count):
         h.x_xx[i], h.x_xy[i], h.x_yy[i], h.y_yy[i] = 0.0, 0.0, 0.0, 0.0
         h.z_xx[i], h.z_xy[i], h.z_yy[i] = 0.0, 0.0, 0.0
     for i in range(count):
         h.z_xxx[i], h.z_xxy[i], h.z_xyy[i], h.z_yyy[i] = 0.0, 0.0, 0.0, 0.0
         h.x_xxx[i], h.x_xxy[i], h.x_xyy[i], h.x_yyy[i], h.y_yyy[i] = 0.0, 0.0, 0.0, 0.0, 0.0
+
+
+@inline
+def add_second(h, i, s, c, dx, dy):
+    """Add one wave, of k^2 a times the phase's sine s and cosine c, to the second derivatives."""
+    xx, xy, yy = dx * dx, dx * dy, dy * dy
+    h.z_xx[i] -= xx * s
+    h.z_xy[i] -= xy * s
+    h.z_yy[i] -= yy * s
+    h.x_xx[i] -= dx * xx * c
+    h.x_xy[i] -= dy * xx * c
+    h.x_yy[i] -= dx * yy * c
+    h.y_yy[i] -= dy * yy * c
+
+
+@inline
+def add_third(h, i, s, c, dx, dy):
+    """Add one wave, of k^3 a times the phase's sine s and cosine c, to the third derivatives."""
+    xx, xy, yy = dx * dx, dx * dy, dy * dy
+    h.z_xxx[i] -= dx * xx * c
+    h.z_xxy[i] -= dy * xx * c
+    h.z_xyy[i] -= dx * yy * c
+    h.z_yyy[i] -= dy * yy * c
+    h.x_xxx[i] += xx * xx * s
+    h.x_xxy[i] += xx * xy * s
+    h.x_xyy[i] += xx * yy * s
+    h.x_yyy[i] += xy * yy * s
+    h.y_yyy[i] += yy * yy * s
+
+
+@kernel
+def jet_sums(count, waves, time, labels, sums_out, higher_out):
+    """The SUMS and HIGHER_SUMS at the first `count` LABELS. Loops with few fields each, which the
+    compiler vectorises."""
+    at, p, h = labels[0], sums_out[0], higher_out[0]
+    clear_sums(p, count)
+    clear_higher(h, count)
     for w in range(waves.size):
         wave = waves[w]
         turns_x, turns_y = wave.turns_x, wave.turns_y
@@ -80,27 +114,10 @@ def jet_sums(count, waves, time, labels, sums_out, higher_out):
             h.sine[i], h.cosine[i] = s, c
         for i in range(count):
             add_wave(p, i, h.sine[i], h.cosine[i], a, ka, dx, dy)
-        xx, xy, yy = dx * dx, dx * dy, dy * dy
         for i in range(count):
-            s, c = kka * h.sine[i], kka * h.cosine[i]
-            h.z_xx[i] -= xx * s
-            h.z_xy[i] -= xy * s
-            h.z_yy[i] -= yy * s
-            h.x_xx[i] -= dx * xx * c
-            h.x_xy[i] -= dy * xx * c
-            h.x_yy[i] -= dx * yy * c
-            h.y_yy[i] -= dy * yy * c
+            add_second(h, i, kka * h.sine[i], kka * h.cosine[i], dx, dy)
         for i in range(count):
-            s, c = kkka * h.sine[i], kkka * h.cosine[i]
-            h.z_xxx[i] -= dx * xx * c
-            h.z_xxy[i] -= dy * xx * c
-            h.z_xyy[i] -= dx * yy * c
-            h.z_yyy[i] -= dy * yy * c
-            h.x_xxx[i] += xx * xx * s
-            h.x_xxy[i] += xx * xy * s
-            h.x_xyy[i] += xx * yy * s
-            h.x_yyy[i] += xy * yy * s
-            h.y_yyy[i] += yy * yy * s
+            add_third(h, i, kkka * h.sine[i], kkka * h.cosine[i], dx, dy)
 
 
 @kernel
@@ -236,21 +253,16 @@ def gather_jets(surface, labels, jets_out):
 
 
 @kernel
-def solve_particles(x, y, waves, time, tolerance, steps, labels, nearer, sums_out, higher_out):
-    """LABELS (in either workspace, which is returned first, then the other) near the points x, y:
-    (N,) [m], their SUMS and HIGHER_SUMS, and their number, filled up to LANES; see `solve_jets`."""
-    heights = np.empty(x.size)
+def step_labels(x, y, waves, time, steps, labels, nearer, sums, heights_out):
+    """`steps` plain Newton steps from the points x, y: (N,) [m] towards their labels, and the
+    heights (N,) [m] after them. Returns the labels' workspace, the other, and their number, filled
+    up to LANES."""
     filled = set_labels(x, y, labels)
     set_labels(x, y, nearer)
     for _ in range(steps):
-        wave_sums(filled, waves, time, labels, sums_out)
-        newton_labels(x, y, labels, sums_out, heights, nearer)
+        wave_sums(filled, waves, time, labels, sums)
+        newton_labels(x, y, labels, sums, heights_out, nearer)
         labels, nearer = nearer, labels
-    jet_sums(filled, waves, time, labels, sums_out, higher_out)
-    if not largest_residual(x, y, labels, sums_out) <= tolerance * tolerance:
-        solve_labels(x, y, labels, waves, time, tolerance, 1, heights, nearer)
-        labels, nearer = nearer, labels
-        jet_sums(filled, waves, time, labels, sums_out, higher_out)
     return labels, nearer, filled
 
 
@@ -264,13 +276,18 @@ def solve_jets(x, y, waves, time, tolerance, steps, jets_out):
     """
     labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
     higher, first, heights = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, FIELD)
-    at_particles, at_points = np.empty(1, FIELD), np.empty(1, FIELD)
+    at_particles, at_points, found = np.empty(1, FIELD), np.empty(1, FIELD), np.empty(CHUNK)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
-        px, py = x[start:end], y[start:end]
-        labels, nearer, filled = solve_particles(
-            px, py, waves, time, tolerance, steps, labels, nearer, sums, higher
+        px, py, found = x[start:end], y[start:end], found[: end - start]
+        labels, nearer, filled = step_labels(
+            px, py, waves, time, steps, labels, nearer, sums, found
         )
+        jet_sums(filled, waves, time, labels, sums, higher)
+        if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
+            solve_labels(px, py, labels, waves, time, tolerance, 1, found, nearer)
+            labels, nearer = nearer, labels
+            jet_sums(filled, waves, time, labels, sums, higher)
         copy_heights(filled, sums, higher, heights)
         first_derivatives(filled, sums, higher, heights, first)
         third_derivatives(filled, sums, higher, heights, first, at_particles)
