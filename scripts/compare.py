@@ -39,6 +39,7 @@ import numpy as np
 
 from sim import Sample, Scene, SideBySideRecorder, simulate
 from sim.measure.statistics import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
+from sim.water.head import PRESSURES
 
 QUANTITIES = {"height_m": 1e3, "tilt_deg": 1.0}
 """What is averaged, and what turns its differences into the mm and degrees that are printed."""
@@ -55,7 +56,9 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(prog="compare.py", description=__doc__.splitlines()[0])
     parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
     parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD",
-                        help="method texts; the others are held against the first")  # fmt: skip
+                        help="method texts; the others are held against the first; a pressure may "
+                        "stand behind a slash: patches/hydrostatic")  # fmt: skip
+    parser.add_argument("--pressure", choices=PRESSURES, help="overrules the scene's pressure")
     parser.add_argument("--duration", type=positive, default=60.0, metavar="S",
                         help="simulated seconds (60)")  # fmt: skip
     parser.add_argument("--warm-up", type=positive, default=10.0, metavar="S",
@@ -86,7 +89,9 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
     twins: dict[str, Scene] = {}
     with compiling_notice(quiet=again):
         for text in options.methods:
-            scene = Scene.load(options.scene, text, timestep=options.timestep)
+            scene = Scene.load(
+                options.scene, text, timestep=options.timestep, pressure=options.pressure
+            )
             scene.compile_kernels()
             same = sum(label.split(" ")[0] == text for label in twins)
             twins[f"{text} ({same + 1})" if same else text] = scene

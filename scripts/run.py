@@ -31,6 +31,7 @@ from command_line import (
 )
 
 from sim import Recorder, Scene, Tally, observe, simulate
+from sim.water.head import PRESSURES
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
@@ -43,6 +44,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         "--rate", type=positive, default=30.0, metavar="HZ", help="samples a simulated second (30)"
     )
     parser.add_argument("--method", help="overrules the scene's method, for all geoms")
+    parser.add_argument("--pressure", choices=PRESSURES, help="overrules the scene's pressure")
     parser.add_argument(
         "--tolerance", type=positive, metavar="M", help="overrules the scene's, m of water height"
     )
@@ -80,7 +82,12 @@ def load(options: argparse.Namespace) -> Scene:
     """Load the scene and compute everything once, which compiles the kernels."""
     with compiling_notice(options.quiet):
         scene = Scene.load(
-            options.scene, options.method, options.tolerance, options.timestep, options.threads
+            options.scene,
+            options.method,
+            options.tolerance,
+            options.timestep,
+            options.threads,
+            options.pressure,
         )
         scene.compile_kernels()
         observe(scene)

@@ -39,6 +39,8 @@ from sim.measure.seas import SEAS, waterline_poses
 from sim.measure.sources import DURATION, FALL, error_sources
 from sim.measure.steps import step_costs
 from sim.methods import make_method
+from sim.water.head import PRESSURES
+from sim.water.sea import DEFAULT_PRESSURE
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 
@@ -93,6 +95,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
                         help=f"any of: {' '.join(SEAS)} (all)")  # fmt: skip
     parser.add_argument("--methods", nargs="+", default=list(METHODS), metavar="METHOD",
                         help=f"method texts, the baseline first ({' '.join(METHODS)})")  # fmt: skip
+    parser.add_argument("--pressure", choices=PRESSURES, default=DEFAULT_PRESSURE,
+                        help=f"of the water ({DEFAULT_PRESSURE})")  # fmt: skip
     parser.add_argument("--poses", type=at_least(2), default=50, metavar="N",
                         help="random poses at the waterline (50)")  # fmt: skip
     parser.add_argument("--seed", type=at_least(0), default=0, metavar="N", help="of the poses (0)")
@@ -118,7 +122,7 @@ def measure(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """The rows of the report, hull after hull and sea after sea."""
     truths: dict[tuple[str, str], np.ndarray] = {}
     for name, sea_name in product(options.hulls, options.seas):
-        hull, sea = make_hull(name), SEAS[sea_name]
+        hull, sea = make_hull(name), SEAS[sea_name].with_pressure(options.pressure)
         surface = SAME_SURFACE.get(name, name)
         true_hull = hull if surface == name else make_hull(surface)
         poses = waterline_poses(true_hull, sea, options.poses, options.seed)
@@ -295,7 +299,13 @@ def report_rows(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("speed_vs_error.py: interrupted", file=sys.stderr)
         status = INTERRUPTED
-    report = {"poses": options.poses, "seed": options.seed, "truth": TRUTH, "rows": rows}
+    report = {
+        "pressure": options.pressure,
+        "poses": options.poses,
+        "seed": options.seed,
+        "truth": TRUTH,
+        "rows": rows,
+    }
     write_json(options.json, report)
     print_rows(rows)
     print_fastest(rows)

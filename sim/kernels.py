@@ -57,8 +57,19 @@ _STAMP = _stamp_of_sources()
 def _compiled(function: Kernel, *liberties: str) -> Kernel:
     options = {"fastmath": set(liberties), "error_model": "numpy"}
     dispatcher = njit(cache=True, nogil=True, **options)(function)
-    dispatcher._cache._cache_file._source_stamp = _STAMP
+    _stamp(dispatcher._cache)
     return dispatcher
+
+
+def _stamp(cache: Any) -> None:
+    """Keep compiled code under names of its own for these sources: what others left is not even
+    looked at, because it may name what is no longer there."""
+    file = cache._cache_file
+    base = file._index_name.removesuffix(".nbi")
+    file._source_stamp = _STAMP
+    file._index_name = f"{base}.{_STAMP[:12]}.nbi"
+    file._index_path = str(Path(file._cache_path) / file._index_name)
+    file._data_name_pattern = f"{base}.{_STAMP[:12]}.{{number:d}}.nbc"
 
 
 class CFunction:
@@ -85,7 +96,7 @@ class CFunction:
         options = {"fastmath": {"contract"}, "error_model": "numpy"}
         compiled = CFunc(self._function, (signature.args, signature.return_type), {}, options)
         compiled.enable_caching()
-        compiled._cache._cache_file._source_stamp = _STAMP
+        _stamp(compiled._cache)
         compiled.compile()
         self._compiled = compiled  # its code goes with it
         return compiled.ctypes

@@ -59,3 +59,19 @@ def test_an_edited_kernel_is_compiled_again_in_those_that_call_it(tmp_path):
         return int(subprocess.run(run, cwd=tmp_path, capture_output=True, check=True).stdout)
 
     assert [answer(21), answer(21), answer(34)] == [42, 42, 68]
+
+
+def test_what_other_sources_left_in_the_cache_is_not_looked_at(tmp_path):
+    """It may name a class that is no more: numba would stumble over it before it looks at dates."""
+    shutil.copy(REPOSITORY / "sim" / "kernels.py", tmp_path)
+    source = (
+        "from typing import NamedTuple\nfrom kernels import kernel\n\n\n"
+        "class {0}(NamedTuple):\n    value: int\n\n\n"
+        "@kernel\ndef twice(pair):\n    return 2 * pair.value\n\n\n"
+        "def run():\n    return twice({0}(21))\n"
+    )
+    for name in ("Pair", "Couple"):
+        (tmp_path / "made.py").write_text(source.format(name))
+        run = [sys.executable, "-c", "from made import run; print(run())"]
+        done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
+        assert done.stdout == "42\n", done.stderr

@@ -8,6 +8,7 @@ its solver and integrators do the rest, contacts included.
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property
 from threading import RLock
 from time import perf_counter_ns
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from sim.coupling import callback, native
 from sim.coupling.context import Context, probes_of
 from sim.coupling.mjcf import FloatingGeom, check_solver, read_model
-from sim.methods import Batch, Place
+from sim.methods import Batch, Linear, Patches, Place
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -30,6 +31,10 @@ MADE_FROM = (
     "geom_size", "mesh_vert", "mesh_face",
 )  # fmt: skip
 """Fields of a model that seas and hulls are made from."""
+
+
+FINE = 2000
+"""Faces of a hull from which on the linear method is right enough about its volume."""
 
 
 class Buoyancy:
@@ -95,11 +100,13 @@ class Buoyancy:
         method: str | None = None,
         tolerance: float | None = None,
         threads: int | None = None,
+        pressure: str | None = None,
     ) -> "Buoyancy":
-        """Read the model's custom fields (see `mjcf`); `method` overrules them for all geoms,
-        `tolerance` [m of water height] for the methods that take one, and `threads`. Raises
-        ValueError that names the element at fault."""
-        sea, floats, asked = read_model(model, method, tolerance)
+        """Read the model's custom fields (see `mjcf`); `method` overrules them for all geoms (and
+        the pressure, if it names one: "patches/hydrostatic"), `tolerance` [m of water height] for
+        the methods that take one, `threads` and `pressure`. Raises ValueError that names the
+        element at fault."""
+        sea, floats, asked = read_model(model, method, tolerance, pressure)
         return cls(model, sea, floats, asked if threads is None else threads)
 
     @property
@@ -199,6 +206,30 @@ class Buoyancy:
         arms = data.geom_xpos[self._geoms] - data.xipos[self._rows]
         wrenches[:, 3:] += np.cross(arms, wrenches[:, :3])
         return wrenches
+
+    def submerged_volumes(self, data: mujoco.MjData) -> Array:
+        """Volume (H,) [m^3] of each hull below the surface, for the kinematics as they stand in
+        `data`: the vertical force that hydrostatic pressure would have, over density * gravity."""
+        sea = self.sea
+        if sea.pressure == "hydrostatic" or not sea.waves:
+            lifts = self._pushed(self.model, data)[:, 2]
+        else:
+            wrenches = np.empty((len(self.floats), 6))
+            for batch in self._still_batches:
+                batch.write_wrenches(data.geom_xpos, data.geom_xmat, data.time, wrenches)
+            lifts = wrenches[:, 2]
+        return lifts / (sea.density * sea.gravity)
+
+    @cached_property
+    def _still_batches(self) -> list[Batch]:
+        """The hulls in the same water with hydrostatic pressure: patches where that takes few
+        faces to make, linear where the faces are fine anyway."""
+        still, made = self.sea.hydrostatic, {}
+        for f in self.floats:
+            hull = f.method.hull
+            kind = Patches if len(hull.faces) < FINE else Linear
+            made.setdefault(id(hull), kind(hull, still))
+        return _batches([replace(f, method=made[id(f.method.hull)]) for f in self.floats], 1)
 
     def drag_wrenches(self, data: mujoco.MjData) -> Array:
         """Drag on every body of `bodies`, (B, 6) [N, N m], world axes, torque about its centre

@@ -6,6 +6,7 @@
     numeric sea_jonswap               significant height m, peak period s, gamma, heading deg,
                                       spread deg, waves, seed; all after the period may be left
                                       out (see Sea.jonswap)
+    text    water_pressure            froude-krylov or hydrostatic     (see sim/water/head)
     text    buoyancy_method           how wrenches are computed        (see sim.methods)
     text    buoyancy_method_<geom>    the same for one geom
     numeric buoyancy_tolerance        m of water height, for methods that take one
@@ -39,6 +40,9 @@ IRREGULAR_SEA = "sea_jonswap"
 
 METHOD = "buoyancy_method"
 """The text that names a method; '<METHOD>_<geom>' one geom's own."""
+
+PRESSURE = "water_pressure"
+"""The text that names the pressure under waves."""
 
 
 def elements_of(
@@ -125,8 +129,10 @@ def texts_of(model: mujoco.MjModel) -> dict[str, str]:
     """Our texts by name. Raises ValueError for one that is unknown."""
     found = {}
     for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_TEXT, model.ntext):
-        if name != METHOD and not name.startswith(f"{METHOD}_"):
-            refuse_unknown("text", name, "buoyancy_method or buoyancy_method_<geom>")
+        if name not in (METHOD, PRESSURE) and not name.startswith(f"{METHOD}_"):
+            refuse_unknown(
+                "text", name, "water_pressure, buoyancy_method or buoyancy_method_<geom>"
+            )
         start = model.text_adr[i]
         raw = bytes(model.text_data[start : start + model.text_size[i]])
         found[name] = raw.split(b"\0")[0].decode().strip()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sim.coupling.custom_fields import (
     IRREGULAR_SEA,
     METHOD,
+    PRESSURE,
     check_geoms,
     elements_of,
     numerics_of,
@@ -27,7 +28,7 @@ from sim.hull import Hull
 from sim.methods import Method, Settings, make_method
 from sim.resistance.added_mass import added_mass_matrix
 from sim.resistance.drag import Drag, DragCoefficients
-from sim.water.sea import Sea
+from sim.water.sea import DEFAULT_PRESSURE, Sea
 from sim.water.spectrum import jonswap
 from sim.water.wave import Wave
 
@@ -61,16 +62,22 @@ class Floating(NamedTuple):
 
 
 def read_model(
-    model: mujoco.MjModel, method: str | None = None, tolerance: float | None = None
+    model: mujoco.MjModel,
+    method: str | None = None,
+    tolerance: float | None = None,
+    pressure: str | None = None,
 ) -> Floating:
-    """The sea and the floating geoms of a compiled model; `method` and `tolerance` overrule what
-    it says, for all geoms.
+    """The sea and the floating geoms of a compiled model; `method`, `tolerance` and `pressure`
+    overrule what it says, for all geoms. A method may name a pressure too: "patches/hydrostatic".
 
     Raises ValueError that names the element at fault and the remedy.
     """
     _check_physics(model)
+    if method is not None and "/" in method:
+        method, pressure = method.split("/", 1)
+        method = method or None
     numerics, texts = numerics_of(model), texts_of(model)
-    sea = _read_sea(model, numerics)
+    sea = _read_sea(model, numerics, pressure or texts.get(PRESSURE, DEFAULT_PRESSURE))
     geom_ids = _buoyant_geoms(model)
     settings = _read_settings(numerics, tolerance)
     names = [model.geom(g).name for g in geom_ids]
@@ -135,7 +142,7 @@ def check_solver(model: mujoco.MjModel) -> None:
         )
 
 
-def _read_sea(model: mujoco.MjModel, numerics: Numerics) -> Sea:
+def _read_sea(model: mujoco.MjModel, numerics: Numerics, pressure: str) -> Sea:
     gravity = -float(model.opt.gravity[2])
     waves: list[Wave] = []
     for name, values in numerics.items():
@@ -152,7 +159,7 @@ def _read_sea(model: mujoco.MjModel, numerics: Numerics) -> Sea:
         waves += irregular
     density = float(numerics.get("water_density", [SEA_WATER_DENSITY])[0])
     level = float(numerics.get("water_level", [0.0])[0])
-    return Sea(waves, density, gravity, level)
+    return Sea(waves, density, gravity, level, pressure)
 
 
 def _buoyant_geoms(model: mujoco.MjModel) -> list[int]:

@@ -402,9 +402,9 @@ def scale_reaction(factor, reaction_out):
 
 
 @kernel
-def react(context, model, data, body, place, lift, reaction_out):
-    """What a hull, that of a FLOAT's place, meets besides its buoyancy, of which `lift` is upward:
-    its REACTION in the geom's frame. Returns the rate [1/s] at which it takes angular momentum."""
+def react(context, model, data, body, place, reaction_out):
+    """What a hull, that of a FLOAT's place, meets besides its buoyancy: its REACTION in the geom's
+    frame. Returns the rate [1/s] at which it takes angular momentum."""
     tables, state, block = tables_of(context), state_of(context, data), block_of(context)
     g, rate = tables.floats[place].geom, rate_of(context, model)
     time = rate * float_at(data + context.layout.time)
@@ -413,8 +413,7 @@ def react(context, model, data, body, place, lift, reaction_out):
     pose = Pose(state.places[g], state.turns[g])
     set_motion(context, data, body, pose, rate, reaction_out)
     hull = tables.hulls[tables.floats[place].resisted]
-    fraction = min(lift / hull.whole, 1.0)
-    hull_reaction(hull, tables.surfaces, flow, pose, factor, fraction, reaction_out)
+    fraction = hull_reaction(hull, tables.surfaces, flow, pose, factor, reaction_out)
     scale_reaction(rate * rate, reaction_out)
     return fraction * hull.rate
 
@@ -503,12 +502,12 @@ def resist(context, model, data, wrenches):
         i = body.body
         for f in range(body.first, body.end):
             g, lift = tables.floats[f].geom, wrenches[tables.floats[f].hull, 2]
-            if tables.floats[f].resisted < 0 or not lift > 0.0:
+            if tables.floats[f].resisted < 0 or lift == 0.0:  # dry
                 continue
             if not is_made:  # where the position stage was skipped, ours would else count twice
                 call(context.make_inertia, (model, data))
                 is_made = True
-            decay += react(context, model, data, body, f, lift, reaction)
+            decay += react(context, model, data, body, f, reaction)
             place, turn = state.places[g], state.turns[g]
             add_reaction(context, model, data, body, place, turn, reaction, rows[i])
         if decay > 0.0:
@@ -538,8 +537,8 @@ def drags(context_address, model, data, wrenches, drags_out):
         centre = state.centres[body.body]
         for f in range(body.first, body.end):
             g, lift = tables.floats[f].geom, wrenches[tables.floats[f].hull, 2]
-            if tables.floats[f].resisted >= 0 and lift > 0.0:
-                decay += react(context, model, data, body, f, lift, reaction)
+            if tables.floats[f].resisted >= 0 and lift != 0.0:
+                decay += react(context, model, data, body, f, reaction)
                 add_drag(reaction, state.places[g] - centre, state.turns[g], drags_out[b])
         if decay > 0.0:
             decay_spin(context, model, data, body, decay, reaction)

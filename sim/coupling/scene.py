@@ -26,10 +26,11 @@ class Scene:
         tolerance: float | None = None,
         timestep: float | None = None,
         threads: int | None = None,
+        pressure: str | None = None,
     ) -> "Scene":
         """Compile an MJCF file and put it into its first keyframe, if it has one.
 
-        method, tolerance, timestep [s] and threads overrule what the file says. Raises
+        method, tolerance, timestep [s], threads and pressure overrule what the file says. Raises
         FileNotFoundError, or ValueError that names what is wrong with the file.
         """
         path = Path(path)
@@ -41,7 +42,7 @@ class Scene:
             reason = " ".join(str(error).split())  # MuJoCo's message has several lines
             raise ValueError(f"{path}: MuJoCo cannot compile it: {reason}") from None
         try:
-            return cls.from_model(model, path.stem, method, tolerance, timestep, threads)
+            return cls.from_model(model, path.stem, method, tolerance, timestep, threads, pressure)
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
 
@@ -54,13 +55,14 @@ class Scene:
         tolerance: float | None = None,
         timestep: float | None = None,
         threads: int | None = None,
+        pressure: str | None = None,
     ) -> "Scene":
         """The same for a model that is compiled already; `timestep` is written into it."""
         if timestep is not None:
             if not (np.isfinite(timestep) and timestep > 0):
                 raise ValueError(f"the timestep is {timestep} s; it must be finite and above 0")
             model.opt.timestep = timestep
-        buoyancy = Buoyancy.from_model(model, method, tolerance, threads)
+        buoyancy = Buoyancy.from_model(model, method, tolerance, threads, pressure)
         data = mujoco.MjData(model)
         if model.nkey:
             mujoco.mj_resetDataKeyframe(model, data, 0)

@@ -159,8 +159,12 @@ def observe(
     wrenches = buoyancy.wrenches(data)
     body_wrenches = np.zeros((len(bodies), 6))
     np.add.at(body_wrenches, buoyancy.float_bodies, wrenches)
-    volumes = np.bincount(
-        buoyancy.float_bodies, weights=[f.method.hull.volume for f in buoyancy.floats]
+    submerged, volumes = (
+        np.bincount(buoyancy.float_bodies, weights=weights)
+        for weights in (
+            buoyancy.submerged_volumes(data),
+            [f.method.hull.volume for f in buoyancy.floats],
+        )
     )
     sea = buoyancy.sea
     return Sample(
@@ -171,9 +175,7 @@ def observe(
         centres=centres,
         elevations=sea.elevation(centres[:, 0], centres[:, 1], data.time),
         tilts=np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]),
-        # The vertical force is density * gravity * the volume below the surface, waves or not: the
-        # pressure's vertical gradient is uniform and it vanishes at the surface.
-        submerged_fractions=body_wrenches[:, 2] / (sea.density * sea.gravity * volumes),
+        submerged_fractions=submerged / volumes,
         wrenches=wrenches,
         body_wrenches=body_wrenches,
         drag_wrenches=buoyancy.drag_wrenches(data),

@@ -130,10 +130,11 @@ def sea_in_words(sea: Sea) -> str:
         lengths = [wave.wavelength for wave in sea.waves]
         return (
             f"{len(sea.waves)} waves of {min(lengths):.3g} to {max(lengths):.3g} m, significant "
-            f"height {sea.significant_height:.3g} m, steepness {sea.steepness:.2f}"
+            f"height {sea.significant_height:.3g} m, steepness {sea.steepness:.2f}, {sea.pressure}"
         )
     waves = [f"{w.amplitude:.3g} x {w.wavelength:.3g} m" for w in sea.waves]
-    return f"waves (amplitude x length) {', '.join(waves)}, steepness {sea.steepness:.2f}"
+    named = ", ".join(waves)
+    return f"waves (amplitude x length) {named}, steepness {sea.steepness:.2f}, {sea.pressure}"
 
 
 def _view(scene: Scene, name: str, root: str = "", abreast: int = 1) -> rrb.Spatial3DView:

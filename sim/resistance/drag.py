@@ -59,23 +59,28 @@ phase: the water's velocity is then right to some 2 %, where drag coefficients a
 ROW = ("f8", ELEMENTS)
 
 SURFACE = record(
-    x=ROW, y=ROW, z=ROW, normal_x=ROW, normal_y=ROW, normal_z=ROW, area=ROW, radius=ROW
+    x=ROW, y=ROW, z=ROW, normal_x=ROW, normal_y=ROW, normal_z=ROW, area=ROW, radius=ROW, flat=ROW
 )  # fmt: skip
-"""The elements of a hull in its frame: points [m], unit normals, areas [m^2] and the radii [m] of
-discs of these areas; where there are fewer, the last ones have no area."""
+"""The elements of a hull in its frame: points [m], unit normals, areas [m^2], the radii [m] of
+discs of these areas, and the lengths of their area vectors [m^2], which add up to none; where there
+are fewer, the last ones have no area."""
 
-STRENGTH = record(linear="f8", form="f8", friction="f8", residual="f8", steps="i8")
+STRENGTH = record(
+    linear="f8", form="f8", friction="f8", volume=("f8", 9), residual="f8", steps="i8"
+)  # fmt: skip
 """What a hull's drag is made with: density times coefficients, the factors of u_n, |u_n| u_n and
-|u_t| u_t; the residual [m] that labels may keep after so many Newton steps."""
+|u_t| u_t; the volume [m^3] that the elements enclose, seen along each direction as a (3, 3) matrix;
+the residual [m] that labels may keep after so many Newton steps."""
 
 WORK = record(
-    x=ROW, y=ROW, z=ROW, height=ROW, depth=ROW, wet=ROW,
+    x=ROW, y=ROW, z=ROW, height=ROW, depth=ROW, wet=ROW, sunk=ROW, u_x=ROW, u_y=ROW, u_z=ROW,
     force_x=ROW, force_y=ROW, force_z=ROW, skin_x=ROW, skin_y=ROW, skin_z=ROW,
     across=ROW, along=ROW, rub=ROW,
 )  # fmt: skip
 """Workspace: the elements' places in the world [m], the water's heights above the level there,
-their depths [m], 0 above the surface, and wet areas [m^2]; their forces [N] in the hull's axes, and
-what the derivatives of these are made of:
+their depths [m], 0 above the surface, wet areas [m^2], and depths [m] in the mean over them, dry
+parts counted as 0; in the hull's axes their velocities [m/s] relative to the water, their forces
+[N], and what the derivatives of these are made of:
 
 - dF/du = across n n^T + along t t^T + rub 1,    t the tangential velocity, `skin`.
 """
@@ -142,10 +147,11 @@ class Drag:
         speed = np.sqrt(sea.gravity * np.cbrt(hull.volume))
         pressures = sea.density * np.array([c.linear * speed, 0.25 * c.form, 0.5 * c.friction])
         self.has_surface_drag = bool(pressures.any())
-        self.surface = surface_elements(hull) if self.has_surface_drag else np.zeros(1, SURFACE)
+        self.surface = surface_elements(hull)
         size = float(np.linalg.norm(hull.bounds[1] - hull.bounds[0]))
         steps, residual = label_steps(sea, size)
-        self.strength = read_only(np.array([(*pressures, residual, steps)], STRENGTH))
+        row = (*pressures, enclosed_volume(self.surface).ravel(), residual, steps)
+        self.strength = read_only(np.array([row], STRENGTH))
 
     def wrench(
         self, position: ArrayLike, rotation: ArrayLike, velocity: ArrayLike, time: float
@@ -205,10 +211,19 @@ def _surface(members: list[Indices], sizes: Array, centres: Array, vectors: Arra
         for axis, place, part in zip("xyz", point, normal, strict=True):
             surface[axis][0, i], surface[f"normal_{axis}"][0, i] = place, part
         surface["area"][0, i], surface["radius"][0, i] = area, np.sqrt(area / np.pi)
+        surface["flat"][0, i] = np.linalg.norm(vector)
     for name in SURFACE.names:
-        if name != "area":
+        if name not in ("area", "flat"):
             surface[name][0, len(members) :] = surface[name][0, 0]
     return read_only(surface)
+
+
+def enclosed_volume(surface: Table) -> Array:
+    """Matrix (3, 3) [m^3] that a SURFACE encloses, sum of place times area vector: the volume times
+    the identity, but for what the elements miss of the shape."""
+    places = np.stack([surface[axis][0] for axis in "xyz"])
+    vectors = np.stack([surface[f"normal_{axis}"][0] for axis in "xyz"]) * surface["flat"][0]
+    return places @ vectors.T
 
 
 def _halves(group: Indices, places: Array, sizes: Array) -> tuple[Indices, Indices]:
@@ -259,24 +274,47 @@ def wet_areas(surface, level, work):
         share = min(max(0.5 + 0.5 * below / s.radius[i], 0.0), 1.0)
         e.wet[i] = share * s.area[i]
         e.depth[i] = max(below, 0.0)
+        e.sunk[i] = below if share == 1.0 else s.radius[i] * share * share
         total += e.wet[i]
     return total
 
 
+@summing_kernel
+def submerged_fraction(surface, volume, rotation, work):
+    """Which part of the hull is below the surface, by its elements: the integral of the depth over
+    their area vectors, against the same deep down."""
+    s, e, x, y, z, sunk = surface, work[0], rotation[6], rotation[7], rotation[8], 0.0
+    for i in range(ELEMENTS):
+        up = x * s.normal_x[i] + y * s.normal_y[i] + z * s.normal_z[i]
+        sunk -= up * s.flat[i] * e.sunk[i]
+    whole = x * (volume[0] * x + volume[1] * y + volume[2] * z)
+    whole += y * (volume[3] * x + volume[4] * y + volume[5] * z)
+    whole += z * (volume[6] * x + volume[7] * y + volume[8] * z)
+    return min(max(sunk / whole, 0.0), 1.0)
+
+
 @kernel
-def element_forces(surface, strength, rotation, velocity, velocities, work):
-    """Forces of the elements and their derivatives, from the velocity (6,) of the hull in its own
-    axes and the VELOCITIES of the water."""
+def relative_velocities(surface, rotation, velocity, velocities, work):
+    """Velocities of the elements relative to the water, from that (6,) of the hull, both in its own
+    axes, and the VELOCITIES of the water."""
     s, e, water = surface, work[0], velocities[0]
-    linear, form, friction = strength.linear, strength.form, strength.friction
     vx, vy, vz, wx, wy, wz = velocity
     ax, ay, az, bx, by, bz, cx, cy, cz = rotation
     for i in range(ELEMENTS):
         sx, sy, sz = water.x[i], water.y[i], water.z[i]
         x, y, z = cross(wx, wy, wz, s.x[i], s.y[i], s.z[i])
-        ux = vx + x - (ax * sx + bx * sy + cx * sz)
-        uy = vy + y - (ay * sx + by * sy + cy * sz)
-        uz = vz + z - (az * sx + bz * sy + cz * sz)
+        e.u_x[i] = vx + x - (ax * sx + bx * sy + cx * sz)
+        e.u_y[i] = vy + y - (ay * sx + by * sy + cy * sz)
+        e.u_z[i] = vz + z - (az * sx + bz * sy + cz * sz)
+
+
+@kernel
+def element_forces(surface, strength, work):
+    """Forces of the elements and their derivatives, from their velocities."""
+    s, e = surface, work[0]
+    linear, form, friction = strength.linear, strength.form, strength.friction
+    for i in range(ELEMENTS):
+        ux, uy, uz = e.u_x[i], e.u_y[i], e.u_z[i]
         nx, ny, nz = s.normal_x[i], s.normal_y[i], s.normal_z[i]
         speed = ux * nx + uy * ny + uz * nz
         tx, ty, tz = ux - speed * nx, uy - speed * ny, uz - speed * nz
@@ -394,14 +432,11 @@ def solve_elements(surface, strength, flow, work, velocities_out):
 
 
 @kernel
-def add_hull_drag(surface, strength, flow, pose, velocity, factor, wrench_out, damping_out):
+def add_hull_drag(surface, strength, factor, work, wrench_out, damping_out):
     """Add a hull's drag to a wrench (6,) and factor * - d wrench / d velocity to the lower triangle
-    of damping (6, 6): these and velocity (6,) along the axes of the hull frame."""
-    work, velocities = np.empty(1, WORK), np.empty(1, VELOCITIES)
-    place_elements(surface, pose, work)
-    if solve_elements(surface, strength, flow, work, velocities) == 0.0:
-        return
-    element_forces(surface, strength, pose.rotation, velocity, velocities, work)
+    of damping (6, 6), along the axes of the hull frame; from elements that are solved, with their
+    velocities."""
+    element_forces(surface, strength, work)
     add_forces(surface, work, wrench_out)
     add_damping(surface, strength, work, factor, damping_out)
 
@@ -412,5 +447,9 @@ def write_drag(block, position, rotation, velocity, time, wrench_out):
     surface, strength = table(block, 0, SURFACE), table(block, 1, STRENGTH)
     flow = Flow(table(block, 2, WAVE), table(block, 3, WATER), time)
     pose, damping = Pose(position, rotation), np.zeros((6, 6))
+    work, velocities = np.empty(1, WORK), np.empty(1, VELOCITIES)
     wrench_out[:] = 0.0
-    add_hull_drag(surface[0], strength[0], flow, pose, velocity, 1.0, wrench_out, damping)
+    place_elements(surface[0], pose, work)
+    if solve_elements(surface[0], strength[0], flow, work, velocities) > 0.0:
+        relative_velocities(surface[0], rotation, velocity, velocities, work)
+        add_hull_drag(surface[0], strength[0], 1.0, work, wrench_out, damping)

@@ -23,15 +23,24 @@ import numpy as np
 
 from sim.geometry import cross
 from sim.kernels import inline, kernel, record
-from sim.resistance.drag import STRENGTH, Drag, add_hull_drag
-from sim.water.motion import water_motion
+from sim.resistance.drag import (
+    STRENGTH,
+    WORK,
+    Drag,
+    add_hull_drag,
+    place_elements,
+    relative_velocities,
+    solve_elements,
+    submerged_fraction,
+)
+from sim.water.motion import VELOCITIES, water_motion
 
 HULL = record(
     surface="i8", has_drag="i8", has_added_mass="i8", strength=STRENGTH,
-    whole="f8", rate="f8", centroid=("f8", 3), added_mass=("f8", (6, 6)),
+    rate="f8", centroid=("f8", 3), added_mass=("f8", (6, 6)),
 )  # fmt: skip
-"""A hull with drag or added mass: its drag's elements, the buoyancy [N] when it is submerged, and
-the rate [1/s] at which it takes angular momentum from its body."""
+"""A hull with drag or added mass: its elements, and the rate [1/s] at which it takes angular
+momentum from its body."""
 
 REACTION = record(
     drag=("f8", 6), inertia=("f8", 6), matrix=("f8", (6, 6)), velocity=("f8", 6), bias=("f8", 6)
@@ -48,7 +57,6 @@ def hull_row(surface: int, drag: Drag, volume: float) -> tuple[object, ...]:
     has_added_mass = drag.added_mass is not None
     return (
         surface, drag.has_surface_drag, has_added_mass, drag.strength[0],
-        drag.sea.density * drag.sea.gravity * drag.hull.volume,
         drag.coefficients.angular * drag.hull.volume / volume, drag.hull.centroid,
         drag.added_mass if has_added_mass else np.zeros((6, 6)),
     )  # fmt: skip
@@ -101,17 +109,20 @@ def add_added_mass(fraction, hull, pose, water, reaction_out):
 
 
 @kernel
-def hull_reaction(hull, surfaces, flow, pose, factor, fraction, reaction_out):
+def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
     """What a hull meets, all in its own axes about its own origin, into a REACTION that has its
-    motion, but for the decay of angular momentum. factor: that of the damping in the matrix;
-    fraction: how much of the hull is submerged."""
-    r = reaction_out[0]
+    motion, but for the decay of angular momentum. factor: that of the damping in the matrix.
+    Returns how much of the hull is submerged."""
+    r, surface, strength = reaction_out[0], surfaces[hull.surface], hull.strength
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
+    work, velocities = np.empty(1, WORK), np.empty(1, VELOCITIES)
+    place_elements(surface, pose, work)
+    if solve_elements(surface, strength, flow, work, velocities) == 0.0:
+        return 0.0
+    relative_velocities(surface, pose.rotation, r.velocity, velocities, work)
+    fraction = submerged_fraction(surface, strength.volume, pose.rotation, work)
     if hull.has_drag:
-        add_hull_drag(
-            surfaces[hull.surface], hull.strength, flow, pose, r.velocity, factor,
-            r.drag, r.matrix,
-        )  # fmt: skip
+        add_hull_drag(surface, strength, factor, work, r.drag, r.matrix)
     if hull.has_added_mass:
         point, water = pose.position.copy(), np.empty(6)
         for i in range(3):
@@ -119,3 +130,4 @@ def hull_reaction(hull, surfaces, flow, pose, factor, fraction, reaction_out):
                 point[i] += pose.rotation[3 * i + j] * hull.centroid[j]
         water_motion(point, flow.waves, flow.water, flow.time, water)
         add_added_mass(fraction, hull, pose, water, reaction_out)
+    return fraction

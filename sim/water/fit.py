@@ -167,8 +167,9 @@ def head_jets(sea: Sea, waves: Table, x: Array, y: Array, above: Array) -> Table
 
 
 def head_jet_error(sea: Sea, waves: Table, radius: float) -> float:
-    """The same of the head's jets, at the samples and up to two radii below and one above them, at
-    places in the water: above it is no pressure to be right about."""
+    """The same of the head's jets, at the samples and up to two radii below and one above them.
+    Above the water is no head to be right about, but what is there must not be taken to be below.
+    """
     x, y = sample_places(sea)
     share = np.resize(np.linspace(-2.0, 1.0, 7), x.size)
     above = sea.elevation(x, y, 0.0) - sea.level + radius * np.minimum(share, 0.0)
@@ -180,8 +181,9 @@ def head_jet_error(sea: Sea, waves: Table, radius: float) -> float:
         dx, dy = (ring * radius * np.cos(dip) * f(angle) for f in (np.cos, np.sin))
         dz = ring * radius * np.sin(dip)
         found = sea.head(x + dx, y + dy, sea.level + above + dz, 0.0)
-        missed = np.abs(found - head_cubic(jets, dx, dy, dz))[found >= 0.0]
-        worst = max(worst, float(missed.max(initial=0.0)))
+        said = head_cubic(jets, dx, dy, dz)
+        missed = np.where(found >= 0.0, np.abs(found - said), np.maximum(said, 0.0))
+        worst = max(worst, float(missed.max()))
     return worst
 
 

@@ -164,9 +164,13 @@ class Sea:
     @property
     def hydrostatic(self) -> "Sea":
         """The same water with hydrostatic pressure, whose heads are depths below the surface."""
-        if self.pressure == "hydrostatic":
+        return self.with_pressure("hydrostatic")
+
+    def with_pressure(self, pressure: str) -> "Sea":
+        """The same water with a pressure of another name. Raises ValueError."""
+        if pressure == self.pressure:
             return self
-        return Sea(self.waves, self.density, self.gravity, self.level, "hydrostatic")
+        return Sea(self.waves, self.density, self.gravity, self.level, pressure)
 
     def head(self, x: ArrayLike, y: ArrayLike, z: ArrayLike, time: ArrayLike) -> Array:
         """Pressure of the water over density * gravity [m] at places (x, y, z) at a time: positive
