@@ -19,11 +19,12 @@ ROUND_OFF = 1e-12
 
 
 def three_waves(steepness: float = 0.45) -> Sea:
-    """Three crossing waves, longest 4 m, of a given sum of k a."""
+    """Three crossing waves, longest 4 m, of a given sum of k a; hydrostatic, as the closed forms
+    and the quadrature here are (`test_head` has the pressure that decays)."""
     shape = [(0.10, 4.0, 0.0, 0.0), (0.06, 2.4, 0.96, 0.7), (0.03, 1.4, -1.13, 1.9)]
     waves = [Wave(*numbers) for numbers in shape]
     scale = steepness / sum(w.steepness for w in waves)
-    return Sea([Wave(scale * a, *rest) for a, *rest in shape])
+    return Sea([Wave(scale * a, *rest) for a, *rest in shape], pressure="hydrostatic")
 
 
 def random_rotation(rng: np.random.Generator) -> np.ndarray:

@@ -68,8 +68,8 @@ def test_errors_of_known_wrenches():
 
 
 def test_times_are_of_every_method_and_pose_in_every_round():
-    poses = waterline_poses(CUBE, SEAS["three"], 3)
-    methods = [Linear(CUBE, SEAS["three"]), Chord(CUBE, SEAS["three"])]
+    poses = waterline_poses(CUBE, SEAS["three"].hydrostatic, 3)
+    methods = [Linear(CUBE, SEAS["three"].hydrostatic), Chord(CUBE, SEAS["three"].hydrostatic)]
     seconds = time_in_turns(methods, poses, seconds=1e-9)
     assert seconds.shape == (3, 2, 3)
     assert (seconds > 0.0).all()

@@ -22,12 +22,12 @@ from sim.methods import Place
 from sim.methods.patch_tree import build_tree
 from sim.water import fit
 from sim.water.fit import (
-    DISC,
     SHIFT,
     fitted_waves,
     head_jet_error,
     jet_error,
     jet_radius,
+    jet_waves,
     sample_places,
 )
 
@@ -138,7 +138,7 @@ def test_jets_hold_at_other_places_than_those_that_they_were_tried_on(monkeypatc
     for water, find_error in ((sea.hydrostatic, jet_error), (decaying(sea), head_jet_error)):
         radius = jet_radius(water, tolerance, largest=1.0)
         monkeypatch.setattr(fit, "sample_places", lambda _: places)
-        error = find_error(water, fitted_waves(water, DISC * radius), (1.0 + SHIFT) * radius)
+        error = find_error(water, jet_waves(water, radius), (1.0 + SHIFT) * radius)
         monkeypatch.undo()
         assert 0.5 * tolerance < error < tolerance
 

@@ -60,7 +60,7 @@ def test_upright_barge_in_a_long_crested_wave(steepness, length):
     wave = Wave(min(steepness * length / (2.0 * np.pi), 0.3), length, 0.0, 0.9)
     hull = Hull.from_trimesh(BARGE)
     position = np.array([0.3, 0.0, 0.1])
-    wrench = Reference(hull, Sea([wave])).wrench(position, np.eye(3), 0.0)
+    wrench = Reference(hull, Sea([wave], pressure="hydrostatic")).wrench(position, np.eye(3), 0.0)
     wrench[3:] += np.cross(position, wrench[:3])  # about the world's origin
     expected = barge_wrench(wave, 0.3, 0.1 - 0.6)
     assert relative_error(wrench, expected, hull) < 1e-9
@@ -90,7 +90,7 @@ HEADS: list[int] = []
 
 def test_error_falls_with_the_third_power_of_the_work():
     """Work is the number of heads, most of them along the waterline: one over the pieces' size."""
-    hull, sea = Hull.from_trimesh(BARGE), CountedSea(three_waves(0.3).waves)
+    hull, sea = Hull.from_trimesh(BARGE), CountedSea(three_waves(0.3).waves, pressure="hydrostatic")
     poses = random_poses(3, seed=22)
     truths = [Reference(hull, sea, 1e-12).wrench(*pose) for pose in poses]
     errors, work = [], []
@@ -118,7 +118,7 @@ def test_the_same_surface_meshed_differently_gives_the_same_wrench(name):
 def test_sees_a_crest_inside_a_face_whose_corners_are_dry():
     """A large flat face just above the still water, crossed by waves shorter than itself."""
     hull = Hull.from_trimesh(trimesh.creation.box(extents=[4.0, 4.0, 1.0]))
-    sea = Sea([Wave(0.02, 0.5)])
+    sea = Sea([Wave(0.02, 0.5)], pressure="hydrostatic")
     pose = (np.array([0.0, 0.0, 0.51]), np.eye(3), 0.0)
     wrench = Reference(hull, sea).wrench(*pose)
     x = np.linspace(-2.0, 2.0, 40001)[:-1] + 5e-5

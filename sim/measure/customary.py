@@ -21,7 +21,7 @@ class Customary(Method):
     error sources: with many steps or in double precision it leaves just the other error.
 
     In single precision positions, heads, phases and elevations are rounded; only the sums over
-    triangles stay in double precision.
+    triangles stay in double precision. Pressure is hydrostatic, as is customary.
     """
 
     def __init__(

@@ -37,8 +37,8 @@ Report = dict[str, list[dict[str, Any]]]
 
 def error_sources(bunny: Hull, scene: Path, pose_count: int, seed: int) -> Report:
     """Rows of the two tables: for a hull, and for the body of a scene that floats with it."""
-    seas = {name: SEAS[name] for name in ("three", "forty")}
-    seas["three, steep"] = steepened(SEAS["three"].waves, STEEP)
+    seas = {name: SEAS[name].hydrostatic for name in ("three", "forty")}
+    seas["three, steep"] = steepened(SEAS["three"].waves, STEEP).hydrostatic
     wrench_rows = [
         {"sea": name, "waves": len(sea.waves), "steepness": sea.steepness} | row
         for name, sea in seas.items()
@@ -67,6 +67,10 @@ def _wrench_rows(bunny: Hull, sea: Sea, poses: Sequence[Pose]) -> list[dict[str,
         name = f"{steps} Newton step{'s' * (steps > 1)} for an elevation"
         pairs[name] = (Customary(bunny, sea, steps), exact)
     pairs["single precision"] = (single, exact)
+    decaying = sea.with_pressure("froude-krylov")
+    pairs["hydrostatic instead of decaying pressure"] = (
+        Reference(bunny, sea, 1e-6), Reference(bunny, decaying, 1e-6)
+    )  # fmt: skip
     pairs["our elevation's tolerance and round-off"] = (Linear(bunny, sea), exact)
     rows = []
     for name, (method, other) in pairs.items():
@@ -78,7 +82,7 @@ def _wrench_rows(bunny: Hull, sea: Sea, poses: Sequence[Pose]) -> list[dict[str,
 
 def _path_rows(scene: Path) -> list[dict[str, Any]]:
     """Errors in the path of the scene's bunny: in height and tilt, while it falls in and after."""
-    plain = _path(scene, Linear)
+    plain = _path(scene, Linear)  # hydrostatic, as all of them but one
     true_time = _path(scene, Linear, FINE_TIMESTEP)
     cases = {
         "timestep 2 ms": (plain, true_time),
@@ -96,6 +100,10 @@ def _path_rows(scene: Path) -> list[dict[str, Any]]:
         "single precision": (
             _path(scene, lambda hull, sea: Customary(hull, sea, CONVERGED, np.float32)),
             plain,
+        ),
+        "hydrostatic instead of decaying pressure": (
+            plain,
+            _path(scene, Linear, pressure="froude-krylov"),
         ),
     }
     rows = []
@@ -115,10 +123,13 @@ def _path_rows(scene: Path) -> list[dict[str, Any]]:
 
 
 def _path(
-    path: Path, make: Callable[[Hull, Sea], Method], timestep: float | None = None
+    path: Path,
+    make: Callable[[Hull, Sea], Method],
+    timestep: float | None = None,
+    pressure: str = "hydrostatic",
 ) -> np.ndarray:
     """Height [m] and tilt [deg] of the scene's body, (N, 2), with a method of one's own."""
-    scene = Scene.load(path, timestep=timestep)
+    scene = Scene.load(path, timestep=timestep, pressure=pressure)
     buoyancy = scene.buoyancy
     floats = [replace(f, method=make(f.method.hull, buoyancy.sea)) for f in buoyancy.floats]
     scene = replace(scene, buoyancy=Buoyancy(scene.model, buoyancy.sea, floats))

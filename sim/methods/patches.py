@@ -69,7 +69,7 @@ from sim.methods.polynomial import (
     monomials,
 )
 from sim.triangle import clip_dry_part
-from sim.water.fit import DISC, SAFETY, SHIFT, fitted_waves, jet_radius, longest_edge, newton_steps
+from sim.water.fit import SAFETY, SHIFT, jet_radius, jet_waves, longest_edge, newton_steps
 from sim.water.gerstner import WATER, WAVE
 from sim.water.head_jets import HEAD_JET, solve_head_jets
 from sim.water.jets import JET, solve_jets
@@ -78,7 +78,7 @@ from sim.water.sea import Sea
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
 
-DEFAULT_TOLERANCE = 1.0 / 250.0
+DEFAULT_TOLERANCE = 1.0 / 400.0
 """Of the hull's longest side. Errors of patches cancel: this much water height leaves less than
 5e-5 of the weight of the displaced water, a third of what linear has on 4000 triangles."""
 
@@ -134,7 +134,7 @@ class Patches(Compiled):
         _, largest = enclosing_ball(corners, sizes)
         self.radius = jet_radius(sea, self.tolerance, largest)
         self.tree = build_tree(hull, self.radius, longest_edge(sea, self.tolerance))
-        self.fitted = fitted_waves(sea, DISC * self.radius)
+        self.fitted = jet_waves(sea, self.radius)
         self._prepare()
 
     @classmethod

@@ -33,9 +33,11 @@ SAMPLES = 2048
 SAFETY = 1.5
 """The worst place of the sea may be this much worse than the worst sample."""
 
-DISC = 0.65
+DISC, DECAYING_DISC = 0.65, 0.3
 """Jets are fitted over a disc of so many radii of the largest patch allowed: seen from above, most
-of a patch is near its middle. The wrench's errors were smallest so, among 0.4 to 1.1."""
+of a patch is near its middle. The wrench's errors were smallest so, among 0.4 to 1.1 for
+hydrostatic pressure and 0 to 1 for one that decays: that is nearly a harmonic function, of which
+Taylor's cubic is the best one over a ball."""
 
 DIRECTIONS, RINGS = 8, (0.25, 0.5, 0.75, 1.0)
 """Directions and distances, in radii, in which jets are tried on the samples of the sea."""
@@ -122,6 +124,11 @@ def fitted_waves(sea: Sea, radius: float) -> Table:
     return read_only(fitted)
 
 
+def jet_waves(sea: Sea, radius: float) -> Table:
+    """The fitted components of which jets over patches of a radius [m] are made."""
+    return fitted_waves(sea, (DISC if sea.pressure == "hydrostatic" else DECAYING_DISC) * radius)
+
+
 def jet_radius(sea: Sea, tolerance: float, largest: float) -> float:
     """Radius [m] up to which a fitted jet of the sea is right to the tolerance [m], at most
     `largest` [m]; inf on flat water.
@@ -134,7 +141,7 @@ def jet_radius(sea: Sea, tolerance: float, largest: float) -> float:
         return np.inf
     radius, find_error = largest, jet_error if sea.pressure == "hydrostatic" else head_jet_error
     for _ in range(RADII):
-        waves = fitted_waves(sea, DISC * radius)
+        waves = jet_waves(sea, radius)
         error = SAFETY * find_error(sea, waves, (1.0 + SHIFT) * radius)
         if error <= tolerance:
             break

@@ -21,7 +21,7 @@ from sim.water.wave import Wave, wave_table
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
 
-DEFAULT_PRESSURE = "hydrostatic"
+DEFAULT_PRESSURE = "froude-krylov"
 
 ELEVATION_ERROR = 1e-13
 """Error [m] that the solver leaves in an elevation, apart from the round-off of the position. It
