@@ -73,6 +73,7 @@ SPHERES = """<!-- A hundred spheres of 1280 faces each, which collide, in three 
 
   <custom>
     <numeric name="water_density" data="1025"/> <!-- kg/m^3 -->
+    <text name="water_pressure" data="froude-krylov"/>
     <!-- amplitude m, wavelength m, heading deg, phase deg -->
     <numeric name="wave_swell" data="0.15 8.0 0 0"/>
     <numeric name="wave_cross" data="0.10 5.0 55 40"/>

@@ -73,6 +73,17 @@ def test_summary_has_means_differences_and_times(run):
     assert result.stderr.count("\r") == 0  # no progress bar without a terminal
 
 
+def test_twins_may_differ_in_pressure_alone(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status = status_of(
+        "compare.py", MODELS / "spar.xml", "--methods", "patches", "patches/hydrostatic",
+        "--duration", 12, "--warm-up", 4, "--rate", 20, "--no-record", "--json", "out.json",
+    )  # fmt: skip
+    assert status == 0
+    differences = json.loads((tmp_path / "out.json").read_text())["differences"]["spar"]
+    assert differences["patches/hydrostatic"]["height_m"]["largest"] > 0.1
+
+
 def test_means_leave_the_warm_up_out(run):
     *_, summary, _ = run
     scene = Scene.load(MODELS / "cube.xml", "linear", timestep=0.004)

@@ -85,6 +85,20 @@ def test_method_of_one_geom_overrules_the_scenes_and_the_caller_overrules_both()
     assert all(f.method.samples == 2 and f.method.crests_only for f in floats)
 
 
+def test_pressure_is_the_scenes_unless_the_caller_or_the_method_says_another():
+    plain, still = model(), model(custom='<text name="water_pressure" data="hydrostatic"/>')
+    asked = {
+        (plain, None, None): "froude-krylov",
+        (still, None, None): "hydrostatic",
+        (still, None, "froude-krylov"): "froude-krylov",
+        (plain, "linear/hydrostatic", None): "hydrostatic",
+        (plain, "/hydrostatic", None): "hydrostatic",
+    }
+    for (compiled, method, pressure), expected in asked.items():
+        buoyancy = Buoyancy.from_model(compiled, method, pressure=pressure)
+        assert buoyancy.sea.pressure == buoyancy.floats[0].method.sea.pressure == expected
+
+
 def numbers(matrix: np.ndarray) -> str:
     return " ".join(f"{x:g}" for x in matrix.ravel())
 
@@ -257,6 +271,10 @@ REFUSALS = {
     "indefinite added mass": (
         dict(custom=f'<numeric name="added_mass" data="{numbers(np.diag([1, 1, 1, 1, 1, -2]))}"/>'),
         "negative eigenvalue -2: .*positive semidefinite",
+    ),
+    "unknown pressure": (
+        dict(custom='<text name="water_pressure" data="static"/>'),
+        "water pressure is 'static'; expected froude-krylov or hydrostatic",
     ),
     "added mass without room": (
         dict(custom='<numeric name="added_mass" data="1 1 2 0 0 0"/>'),

@@ -55,10 +55,11 @@ def test_run_records_prints_and_writes_its_summary(tmp_path):
 def test_summary_is_that_of_the_same_run_in_python(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     arguments = ("--duration", 1, "--rate", 20, "--timestep", 0.004, "--no-record", "--quiet")
+    arguments += ("--pressure", "hydrostatic")
     assert status_of("run.py", MODELS / "cube.xml", *arguments, "--json", "out.json") == 0
     assert capsys.readouterr() == ("", "")
     summary = json.loads((tmp_path / "out.json").read_text())
-    scene = Scene.load(MODELS / "cube.xml", timestep=0.004)
+    scene = Scene.load(MODELS / "cube.xml", timestep=0.004, pressure="hydrostatic")
     tally = Tally(scene)
     for sample in simulate(scene, 1.0, 20.0):
         tally.add(sample)
