@@ -54,7 +54,6 @@ def test_elements_make_up_the_surface(name):
 
 
 CUBE_DRAG = {
-    "linear": (DragCoefficients(linear=0.3), 2.0 * 0.3 * np.sqrt(GRAVITY) * 1.5),
     "form": (DragCoefficients(form=1.05), 0.5 * 1.05 * 1.5**2),
     "friction": (DragCoefficients(friction=0.01), 0.5 * 0.01 * 4.0 * 1.5**2),
 }
@@ -66,6 +65,17 @@ def test_drag_of_a_cube_is_the_textbooks(term):
     coefficients, expected = CUBE_DRAG[term]
     wrench = Drag(cube_hull(), CALM, coefficients).wrench(DEEP, LEVEL, [1.5, 0, 0, 0, 0, 0], 0.0)
     np.testing.assert_allclose(wrench / (DENSITY * expected), [-1, 0, 0, 0, 0, 0], atol=ROUND_OFF)
+
+
+def test_the_making_of_waves_fades_with_depth():
+    """By e^(-2 d / L) an element: two faces across the motion, their top at several depths."""
+    drag = Drag(cube_hull(), CALM, DragCoefficients(linear=0.3))
+    for top in (0.5, 1.0, 3.0):  # so deep that all elements are wet
+        wrench = drag.wrench([0, 0, -top - 0.5], LEVEL, [1.5, 0, 0, 0, 0, 0], 0.0)
+        mean = 0.5 * np.exp(-2.0 * top) * (1.0 - np.exp(-2.0))
+        expected = DENSITY * 2.0 * 0.3 * np.sqrt(GRAVITY) * 1.5 * mean
+        elements_are_flat = 0.02
+        assert -wrench[0] == pytest.approx(expected, rel=elements_are_flat)
 
 
 def test_form_drag_of_a_ball_is_half_the_coefficient():
@@ -233,8 +243,9 @@ def test_a_submerged_ball_starts_at_its_known_acceleration(relative_density):
 def test_a_light_ball_pops_out_and_settles_at_any_timestep(integrator, timestep):
     custom = BALL_ADDED_MASS + '<numeric name="drag" data="0.2 0.94 0.005"/>'
     scene = ball(0.01, custom, timestep, integrator)
-    heights = np.array([s.positions[0, 2] for s in simulate(scene, 6.0, rate=100.0)])
-    assert heights.max() < 0.3  # m above the water it came out of
+    heights = np.array([s.positions[0, 2] for s in simulate(scene, 12.0, rate=100.0)])
+    # m above the water, which it leaves at some 4 m/s and with a push of its added mass
+    assert 0.3 < heights.max() < 1.3
     assert np.ptp(heights[-100:]) < 1e-3
     draft = 0.1 - heights[-1]
     displaced = np.pi * draft**2 * (0.3 - draft) / 3.0
@@ -246,7 +257,8 @@ def test_a_light_ball_pops_out_and_settles_at_any_timestep(integrator, timestep)
 @pytest.mark.parametrize("timestep", [0.002, 0.02])
 @pytest.mark.parametrize("data", ["200 0 0", "0 1000 0", "0 0 5", "200 1000 5"])
 def test_drag_a_thousand_times_too_strong_only_decays(data, timestep, integrator):
-    scene = ball(1.0, f'<numeric name="drag" data="{data}"/>', timestep, integrator, z=-5.0)
+    depth = -0.3 if data == "200 0 0" else -5.0  # where waves can still be made
+    scene = ball(1.0, f'<numeric name="drag" data="{data}"/>', timestep, integrator, z=depth)
     scene.data.qvel[:] = [3.0, -1.0, 2.0, 1.0, 2.0, -1.0]
     mass, inertia = scene.model.body_mass[1], scene.model.body_inertia[1, 0]
     energies = [
@@ -255,6 +267,38 @@ def test_drag_a_thousand_times_too_strong_only_decays(data, timestep, integrator
     ]
     assert (np.diff(energies) <= ROUND_OFF * energies[0]).all()
     assert energies[-1] < 0.1 * energies[0]
+
+
+def test_deep_down_a_light_ball_rises_as_its_form_drag_alone_lets_it():
+    """Waves are made at the surface only."""
+    scene = ball(0.5, '<numeric name="drag" data="0.2 0.94 0"/>', z=-20.0)
+    *_, _ = simulate(scene, 2.0)
+    lift = scene.model.body_mass[1] * GRAVITY
+    expected = np.sqrt(2.0 * lift / (DENSITY * 0.47 * np.pi * 0.01))
+    elements_are_flat = 0.02
+    assert scene.data.qvel[2] == pytest.approx(expected, rel=elements_are_flat)
+
+
+OES_SPHERE = """
+<mujoco><option timestep="0.01" integrator="RK4"/>
+  <custom><numeric name="water_density" data="1000"/>
+    <numeric name="added_mass" data="0.4325 0.4325 0.4325 0 0 0"/>
+    <tuple name="buoyant"><element objtype="geom" objname="sphere" prm="0"/></tuple></custom>
+  <worldbody><body><joint type="slide" axis="0 0 1"/><geom name="sphere" size="5"/>
+    <inertial pos="0 0 -2" mass="261799.4" diaginertia="1e6 1e6 1e6"/></body></worldbody>
+</mujoco>"""
+
+
+@pytest.mark.parametrize("height", [1.0, 3.0, 5.0])
+def test_a_sphere_with_added_mass_alone_swings_between_heights_that_stay(height):
+    """That of OES Task 10, released from some height: the water that comes and goes with the
+    wetted part brings and takes its energy."""
+    scene = Scene.from_model(mujoco.MjModel.from_xml_string(OES_SPHERE))
+    scene.data.qpos[0] = height
+    z = np.array([s.positions[0, 2] for s in simulate(scene, 16.0, 100.0)]) / height
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(z)))) + 1
+    assert len(turns) >= 5
+    np.testing.assert_allclose(np.abs(z[turns]), 1.0, atol=2e-3)  # the samples' own distance
 
 
 def test_terminal_velocity():
@@ -468,11 +512,11 @@ LIGHT = {
 @pytest.mark.parametrize("timestep", [0.002, 0.01])
 @pytest.mark.parametrize("shape", LIGHT)
 def test_what_lies_under_a_ceiling_presses_with_its_net_buoyancy_and_rests(shape, timestep, drag):
-    """Without friction; whatever drag and timestep. Without drag only the box comes to rest."""
-    if drag is None and shape == "bunny":
-        drag = "0.02 0.1 0"
+    """Whatever drag and timestep. The bunny, which rocks, needs either strong drag or friction:
+    eddies alone brake ever less."""
     look, z, assets = LIGHT[shape]
-    body = f'<body pos="0 0 {z}"><freejoint/><geom name="g" {look} condim="1"/></body>'
+    friction = 1 if drag == "20 100 0.5" or shape == "box" else 3
+    body = f'<body pos="0 0 {z}"><freejoint/><geom name="g" {look} condim="{friction}"/></body>'
     custom = f'<numeric name="drag" data="{drag}"/>' if drag else ""
     option = f'<option timestep="{timestep}" integrator="implicitfast"/>'
     scene = Scene.from_model(model(CEILING + body, ("g",), custom, option, assets))

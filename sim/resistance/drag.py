@@ -6,7 +6,8 @@ u_n = u . n, u_t = u - u_n n, and w the wet part of the element, drag is
 
     F = - density w A [ (c_l sqrt(g L) u_n + c_f |u_n| u_n / 4) n  +  c_t |u_t| u_t / 2 ],
 
-L being the cube root of the hull's volume. The three coefficients are dimensionless:
+L being the cube root of the hull's volume; c_l fades with the depth d of the element as
+e^(-2 d / L), because waves are made near the surface. The three coefficients are dimensionless:
 
     linear    c_l   waves made by the motion: at low speed it takes the energy of bobbing
     form      c_f   eddies behind edges; half of it acts on the front, half on the rear, so that
@@ -33,10 +34,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.geometry import area_vectors, areas, cross, placed, split_triangles
 from sim.hull import Hull
-from sim.kernels import kernel, packed, read_only, record, summing_kernel, table
+from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
 from sim.resistance.added_mass import added_mass_matrix
 from sim.water.fit import SAFETY, newton_steps
-from sim.water.gerstner import LABELS, WATER, WAVE, set_labels, solve_labels
+from sim.water.gerstner import LABELS, WATER, WAVE, decay, set_labels, solve_labels
 from sim.water.head import depth
 from sim.water.motion import VELOCITIES, water_velocities
 from sim.water.sea import Sea
@@ -66,11 +67,13 @@ discs of these areas, and the lengths of their area vectors [m^2], which add up 
 are fewer, the last ones have no area."""
 
 STRENGTH = record(
-    linear="f8", form="f8", friction="f8", volume=("f8", 9), residual="f8", steps="i8"
+    linear="f8", form="f8", friction="f8", fade="f8", area="f8", volume=("f8", 9), residual="f8",
+    steps="i8",
 )  # fmt: skip
 """What a hull's drag is made with: density times coefficients, the factors of u_n, |u_n| u_n and
-|u_t| u_t; the volume [m^3] that the elements enclose, seen along each direction as a (3, 3) matrix;
-the residual [m] that labels may keep after so many Newton steps."""
+|u_t| u_t; how the first fades with depth [1/m]; the area [m^2] of all elements and the volume [m^3]
+that they enclose, seen along each direction as a symmetric (3, 3) matrix; the residual [m] that
+labels may keep after so many Newton steps."""
 
 WORK = record(
     x=ROW, y=ROW, z=ROW, height=ROW, depth=ROW, wet=ROW, sunk=ROW, u_x=ROW, u_y=ROW, u_z=ROW,
@@ -150,7 +153,8 @@ class Drag:
         self.surface = surface_elements(hull)
         size = float(np.linalg.norm(hull.bounds[1] - hull.bounds[0]))
         steps, residual = label_steps(sea, size)
-        row = (*pressures, enclosed_volume(self.surface).ravel(), residual, steps)
+        fade, area = 2.0 / np.cbrt(hull.volume), self.surface["area"].sum()
+        row = (*pressures, fade, area, enclosed_volume(self.surface).ravel(), residual, steps)
         self.strength = read_only(np.array([row], STRENGTH))
 
     def wrench(
@@ -223,7 +227,8 @@ def enclosed_volume(surface: Table) -> Array:
     the identity, but for what the elements miss of the shape."""
     places = np.stack([surface[axis][0] for axis in "xyz"])
     vectors = np.stack([surface[f"normal_{axis}"][0] for axis in "xyz"]) * surface["flat"][0]
-    return places @ vectors.T
+    matrix = places @ vectors.T
+    return 0.5 * (matrix + matrix.T)
 
 
 def _halves(group: Indices, places: Array, sizes: Array) -> tuple[Indices, Indices]:
@@ -279,6 +284,16 @@ def wet_areas(surface, level, work):
     return total
 
 
+@inline
+def along(matrix, x, y, z):
+    """A matrix (9,) times a vector."""
+    return (
+        matrix[0] * x + matrix[1] * y + matrix[2] * z,
+        matrix[3] * x + matrix[4] * y + matrix[5] * z,
+        matrix[6] * x + matrix[7] * y + matrix[8] * z,
+    )
+
+
 @summing_kernel
 def submerged_fraction(surface, volume, rotation, work):
     """Which part of the hull is below the surface, by its elements: the integral of the depth over
@@ -287,10 +302,25 @@ def submerged_fraction(surface, volume, rotation, work):
     for i in range(ELEMENTS):
         up = x * s.normal_x[i] + y * s.normal_y[i] + z * s.normal_z[i]
         sunk -= up * s.flat[i] * e.sunk[i]
-    whole = x * (volume[0] * x + volume[1] * y + volume[2] * z)
-    whole += y * (volume[3] * x + volume[4] * y + volume[5] * z)
-    whole += z * (volume[6] * x + volume[7] * y + volume[8] * z)
-    return min(max(sunk / whole, 0.0), 1.0)
+    vx, vy, vz = along(volume, x, y, z)
+    return min(max(sunk / (x * vx + y * vy + z * vz), 0.0), 1.0)
+
+
+@summing_kernel
+def submersion_rate(surface, volume, fraction, rotation, velocity, work):
+    """How fast [1/s] that part grows, from the velocity (6,) of the hull in its own axes and the
+    elements' relative to the water."""
+    s, e, x, y, z, rate = surface, work[0], rotation[6], rotation[7], rotation[8], 0.0
+    tx, ty, tz = cross(x, y, z, velocity[3], velocity[4], velocity[5])  # how the vertical turns
+    for i in range(ELEMENTS):
+        nx, ny, nz = s.normal_x[i], s.normal_y[i], s.normal_z[i]
+        up, turning = x * nx + y * ny + z * nz, tx * nx + ty * ny + tz * nz
+        rising = x * e.u_x[i] + y * e.u_y[i] + z * e.u_z[i]
+        wet = e.wet[i] / max(s.area[i], 1e-300)
+        rate += s.flat[i] * (up * wet * rising - turning * e.sunk[i])
+    vx, vy, vz = along(volume, x, y, z)
+    rate -= 2.0 * fraction * (tx * vx + ty * vy + tz * vz)
+    return rate / (x * vx + y * vy + z * vz)
 
 
 @kernel
@@ -312,9 +342,10 @@ def relative_velocities(surface, rotation, velocity, velocities, work):
 def element_forces(surface, strength, work):
     """Forces of the elements and their derivatives, from their velocities."""
     s, e = surface, work[0]
-    linear, form, friction = strength.linear, strength.form, strength.friction
+    form, friction, fade = strength.form, strength.friction, strength.fade
     for i in range(ELEMENTS):
         ux, uy, uz = e.u_x[i], e.u_y[i], e.u_z[i]
+        linear = strength.linear * decay(fade * e.depth[i])
         nx, ny, nz = s.normal_x[i], s.normal_y[i], s.normal_z[i]
         speed = ux * nx + uy * ny + uz * nz
         tx, ty, tz = ux - speed * nx, uy - speed * ny, uz - speed * nz

@@ -12,7 +12,8 @@ damping: explicit in time, strong drag (see `drag`) would throw a light hull out
 with (M + J^T (f A + h C) J) qacc = forces, C = - dF_drag/dv >= 0, a step is the linearly implicit
 Euler method (Hairer and Wanner 1996, IV.7), which bears any drag at any timestep h.
 
-- the water that enters or leaves the added mass as f changes carries no momentum (no slamming)
+- where f changes, - 1/2 (df/dt) A nu besides: of the momentum of the water that comes half is taken
+  along and half was there, so body, water and added mass keep their energy together (no slamming)
 - with drag a step is of first order, in RK4 too: each of its stages takes the whole timestep
   (added mass alone does not lower the order)
 
@@ -32,6 +33,7 @@ from sim.resistance.drag import (
     relative_velocities,
     solve_elements,
     submerged_fraction,
+    submersion_rate,
 )
 from sim.water.motion import VELOCITIES, water_motion
 
@@ -89,9 +91,9 @@ def add_momentum(velocity, momentum, wrench_out):
 
 
 @kernel
-def add_added_mass(fraction, hull, pose, water, reaction_out):
-    """Add a hull's added mass. water (6,): velocity and acceleration of the water at its centroid,
-    world axes."""
+def add_added_mass(fraction, growth, factor, hull, pose, water, reaction_out):
+    """Add a hull's added mass. growth [1/s]: of the submerged fraction; water (6,): velocity and
+    acceleration of the water at its centroid, world axes."""
     r = reaction_out[0]
     velocity, known, momentum = r.velocity.copy(), -r.bias, np.zeros(6)
     vx, vy, vz = turned_back(pose.rotation, water, 0)
@@ -101,10 +103,11 @@ def add_added_mass(fraction, hull, pose, water, reaction_out):
     velocity[0], velocity[1], velocity[2] = velocity[0] - vx, velocity[1] - vy, velocity[2] - vz
     for i in range(6):
         for j in range(6):
-            a = fraction * hull.added_mass[i, j]
-            r.matrix[i, j] += a
-            momentum[i] += a * velocity[j]
-            r.inertia[i] += a * known[j]
+            a = hull.added_mass[i, j]
+            # what brakes is taken implicitly: a light body's inertia is mostly this water's
+            r.matrix[i, j] += (fraction + 0.5 * factor * max(growth, 0.0)) * a
+            momentum[i] += fraction * a * velocity[j]
+            r.inertia[i] += a * (fraction * known[j] - 0.5 * growth * velocity[j])
     add_momentum(velocity, momentum, r.inertia)
 
 
@@ -117,10 +120,16 @@ def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
     work, velocities = np.empty(1, WORK), np.empty(1, VELOCITIES)
     place_elements(surface, pose, work)
-    if solve_elements(surface, strength, flow, work, velocities) == 0.0:
+    area = solve_elements(surface, strength, flow, work, velocities)
+    if area == 0.0:
         return 0.0
     relative_velocities(surface, pose.rotation, r.velocity, velocities, work)
-    fraction = submerged_fraction(surface, strength.volume, pose.rotation, work)
+    fraction, growth = 1.0, 0.0
+    if area < (1.0 - 1e-12) * strength.area:
+        fraction = submerged_fraction(surface, strength.volume, pose.rotation, work)
+        growth = submersion_rate(
+            surface, strength.volume, fraction, pose.rotation, r.velocity, work
+        )
     if hull.has_drag:
         add_hull_drag(surface, strength, factor, work, r.drag, r.matrix)
     if hull.has_added_mass:
@@ -129,5 +138,5 @@ def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
             for j in range(3):
                 point[i] += pose.rotation[3 * i + j] * hull.centroid[j]
         water_motion(point, flow.waves, flow.water, flow.time, water)
-        add_added_mass(fraction, hull, pose, water, reaction_out)
+        add_added_mass(fraction, growth, factor, hull, pose, water, reaction_out)
     return fraction
