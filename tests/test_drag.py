@@ -371,6 +371,30 @@ def test_added_mass_lengthens_the_heave_period():
     assert np.diff(crossings).mean() * 0.005 == pytest.approx(expected, rel=TIME_INTEGRATION)
 
 
+def test_damping_of_a_matrix_is_that_of_the_hull_afloat():
+    """Half submerged at rest, a cube has the matrix whole, relative to the water, implicitly; deep
+    down twice of it. Coefficients belong to the submerged hull."""
+    matrix = np.diag([100.0, 200.0, 300.0, 40.0, 50.0, 60.0])
+    given = {"36": " ".join(map(str, matrix.ravel())), "6": "100 200 300 40 50 60"}
+    timestep, velocity = 0.02, np.array([0.1, -0.2, 0.0, 0.3, 0.1, -0.1])
+    for count, height, share in (("36", 0.0, 1.0), ("36", -9.0, 2.0), ("6", -9.0, 1.0)):
+        custom = f'<numeric name="damping" data="{given[count]}"/>'
+        option = f'<option timestep="{timestep}"/>'
+        scene = Scene.from_model(model(ROOMY_CUBE, ("cube",), custom, option))
+        scene.data.qpos[2], scene.data.qvel[:] = height, velocity
+        np.testing.assert_allclose(
+            scene.buoyancy.drag_wrenches(scene.data)[0], -share * matrix @ velocity, atol=1e-9
+        )
+        with scene.buoyancy.installed():
+            mujoco.mj_forward(scene.model, scene.data)
+        mass, inertia = scene.model.body_mass[1], scene.model.body_inertia[1, 0]
+        whole = np.diag([mass] * 3 + [inertia] * 3) + timestep * share * matrix
+        expected = np.linalg.solve(whole, -share * matrix @ velocity)
+        lift = scene.buoyancy.wrenches(scene.data)[0, 2] - mass * GRAVITY
+        expected[2] += lift / whole[2, 2]
+        np.testing.assert_allclose(scene.data.qacc, expected, atol=1e-9)
+
+
 def test_off_centre_coefficients_are_a_moved_mass():
     """An added mass equal along all axes is that of a particle at the hull's centroid."""
     hull = Hull(cube_hull().vertices + [0.3, -0.2, 0.5], cube_hull().faces)

@@ -18,6 +18,9 @@
     numeric drag_angular_<geom>       the same for one geom
     numeric added_mass                6 coefficients or a 6 x 6 matrix         (see resistance/drag)
     numeric added_mass_<geom>         the same for one geom
+    numeric damping                   N s/m and N m s along and about the axes of the body's
+                                      inertial frame, or a 6 x 6 matrix, relative to the water
+    numeric damping_<geom>            the same for one geom
     tuple   buoyant                   the geoms whose surface is a hull
 
 A name that begins as ours do and is none of these is a typing error, and refused.
@@ -33,7 +36,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-OWN_PREFIXES = ("water", "wave", "sea_", "buoyan", "chord_", "drag_", "added_mass")
+OWN_PREFIXES = ("water", "wave", "sea_", "buoyan", "chord_", "drag_", "added_mass", "damping")
 """Custom elements that begin so are ours: one we do not know is a typing error, not ignored."""
 
 IRREGULAR_SEA = "sea_jonswap"
@@ -84,6 +87,7 @@ NUMERICS = {
     "drag_angular": NumericKind((1,), "1/s", per_geom=True),
     "drag": NumericKind((3,), "linear, form, friction", per_geom=True),
     "added_mass": NumericKind((6, 36), "coefficients, or a matrix row by row", per_geom=True),
+    "damping": NumericKind((6, 36), "N s/m and N m s, or a matrix row by row", per_geom=True),
 }
 """The custom numerics we know, besides the waves; a name that begins another comes before it."""
 

@@ -26,7 +26,7 @@ from sim.coupling.custom_fields import (
 from sim.coupling.primitives import frame_rotation, geom_hull, geom_in_inertial_frame
 from sim.hull import Hull
 from sim.methods import Method, Settings, make_method
-from sim.resistance.added_mass import added_mass_matrix
+from sim.resistance.added_mass import added_mass_matrix, damping_matrix
 from sim.resistance.drag import Drag, DragCoefficients
 from sim.water.sea import DEFAULT_PRESSURE, Sea
 from sim.water.spectrum import jonswap
@@ -83,10 +83,12 @@ def read_model(
     names = [model.geom(g).name for g in geom_ids]
     check_geoms("text", texts, names)
     check_geoms("numeric", numerics, names)
+    hulls = {g: geom_hull(model, g) for g in geom_ids}
+    afloat = _shares_afloat(model, hulls, sea)
     floats = []
     known: dict[tuple[str, bytes, bytes], Method] = {}
     for g, name in zip(geom_ids, names, strict=True):
-        hull = geom_hull(model, g)
+        hull = hulls[g]
         source, text = _method_of(name, texts, method)
         same = (text, hull.vertices.tobytes(), hull.faces.tobytes())  # methods have no state
         try:
@@ -94,7 +96,7 @@ def read_model(
         except ValueError as error:
             raise ValueError(f"{source}: {error}") from None
         known[same] = made
-        drag = _read_drag(model, numerics, g, hull, sea)
+        drag = _read_drag(model, numerics, g, hull, sea, afloat[g])
         floats.append(FloatingGeom(name, g, int(model.geom_bodyid[g]), made, drag))
     if any(f.drag for f in floats):
         check_solver(model)
@@ -231,42 +233,65 @@ def _read_settings(numerics: Numerics, tolerance: float | None) -> Settings:
     return Settings(tolerance=tolerance, chord_samples=int(samples))
 
 
+def _shares_afloat(model: mujoco.MjModel, hulls: dict[int, Hull], sea: Sea) -> dict[int, float]:
+    """How much of each geom's hull is submerged when its tree is afloat at rest: 1 if it sinks."""
+    displaced: dict[int, float] = {}
+    root = {g: int(model.body_rootid[model.geom_bodyid[g]]) for g in hulls}
+    for g, hull in hulls.items():
+        displaced[root[g]] = displaced.get(root[g], 0.0) + sea.density * hull.volume
+    masses = {r: float(model.body_subtreemass[r]) for r in displaced}
+    return {g: min(masses[root[g]] / displaced[root[g]], 1.0) for g in hulls}
+
+
 def _read_drag(
-    model: mujoco.MjModel, numerics: Numerics, geom: int, hull: Hull, sea: Sea
+    model: mujoco.MjModel, numerics: Numerics, geom: int, hull: Hull, sea: Sea, afloat: float
 ) -> Drag | None:
-    """Drag and added mass of a geom: its own, else the scene's, else none."""
+    """Drag, added mass and damping of a geom: its own, else the scene's, else none. Matrices, such
+    as a panel code gives, are those of the hull afloat, of which a part is submerged."""
     name = model.geom(geom).name
-    sources = {
-        base: of_geom(base, name, numerics) for base in ("drag", "drag_angular", "added_mass")
-    }
+    bases = ("drag", "drag_angular", "added_mass", "damping")
+    sources = {base: of_geom(base, name, numerics) for base in bases}
     values = {base: numerics.get(source) for base, source in sources.items()}
+    if not any(value is not None and value.any() for value in values.values()):
+        return None
     strengths = np.zeros(4)
     if values["drag"] is not None:
         strengths[:3] = values["drag"]
     if values["drag_angular"] is not None:
         strengths[3] = values["drag_angular"][0]
-    added_mass = values["added_mass"]
-    if not strengths.any() and (added_mass is None or not added_mass.any()):
-        return None
+    matrices = dict.fromkeys(("added_mass", "damping"))
     try:
-        if added_mass is not None:
-            added_mass = _added_mass(model, geom, hull, sea, added_mass)
-        return Drag(hull, sea, DragCoefficients(*strengths), added_mass)
+        for base in matrices:
+            given = values[base]
+            if given is not None:
+                matrix = _in_geom_frame(
+                    model, geom, _matrix_of(model, geom, hull, sea, base, given)
+                )
+                matrices[base] = matrix / (afloat if given.size == 36 else 1.0)
+        return Drag(hull, sea, DragCoefficients(*strengths), **matrices)
     except ValueError as error:
         asked = " and ".join(f"'{s}'" for s in sources.values() if s in numerics)
         raise ValueError(f"custom numeric {asked}: {error}") from None
 
 
-def _added_mass(
-    model: mujoco.MjModel, geom: int, hull: Hull, sea: Sea, given: NDArray[np.float64]
+def _matrix_of(
+    model: mujoco.MjModel, geom: int, hull: Hull, sea: Sea, base: str, given: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Added mass (6, 6) in a geom's frame, from what is given along the axes and about the origin
-    of its body's inertial frame."""
-    body = int(model.geom_bodyid[geom])
+    """Added mass or damping (6, 6) along the axes and about the origin of the inertial frame of a
+    geom's body."""
+    if base == "damping":
+        return damping_matrix(given)
     place, turn = geom_in_inertial_frame(model, geom)
-    in_body = Hull(hull.vertices @ turn.T + place, hull.faces)
-    matrix = added_mass_matrix(in_body, sea.density, given)
-    _check_room(model, body, matrix)
+    matrix = added_mass_matrix(Hull(hull.vertices @ turn.T + place, hull.faces), sea.density, given)
+    _check_room(model, int(model.geom_bodyid[geom]), matrix)
+    return matrix
+
+
+def _in_geom_frame(
+    model: mujoco.MjModel, geom: int, matrix: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """A matrix (6, 6) over motions of the body's inertial frame as one over those of a geom's."""
+    place, turn = geom_in_inertial_frame(model, geom)
     move = np.zeros((6, 6))  # twist of the body's frame from that of the geom's
     x, y, z = place
     arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -8,6 +8,9 @@ from sim.hull import Hull
 
 Array = NDArray[np.float64]
 
+MOST = 10.0
+"""Displaced masses above which an added mass is taken for an error."""
+
 SYMMETRY = 1e-9
 """Relative round-off that a symmetric, positive semidefinite matrix given in decimals may have."""
 
@@ -21,33 +24,57 @@ def added_mass_matrix(hull: Hull, density: float, added_mass: ArrayLike) -> Arra
     [kg m^2], (translation, rotation) along the axes and about the origin of the hull frame, which
     must be the body's inertial frame. Raises ValueError.
     """
-    given = np.asarray(added_mass, dtype=float)
+    given = _numbers(added_mass, "added mass")
+    if given.size == 6:
+        return _from_coefficients(hull, density, given)
+    matrix = _checked(given.reshape(6, 6), "added mass")
+    heaviest, displaced = np.diag(matrix)[:3].max(), density * hull.volume
+    if heaviest > MOST * displaced:
+        raise ValueError(
+            f"the added mass matrix has {heaviest:.4g} kg, {heaviest / displaced:.3g} times what the "
+            "hull displaces; expected kg, kg m and kg m^2: correct it"
+        )
+    return matrix
+
+
+def damping_matrix(damping: ArrayLike) -> Array:
+    """Damping (6, 6) [N s/m, N s, N m s] in a frame, force and torque over velocity and angular
+    velocity relative to the water: from six numbers, its diagonal, or from all 36. Raises
+    ValueError."""
+    given = _numbers(damping, "damping")
+    return np.diag(given) if given.size == 6 else _checked(given.reshape(6, 6), "damping")
+
+
+def _numbers(given: ArrayLike, what: str) -> Array:
+    """Six or 36 numbers that can be, six of them 0 or more; or ValueError."""
+    given = np.asarray(given, dtype=float).ravel()
     if given.size not in (6, 36):
         raise ValueError(
-            f"the added mass has {given.size} numbers; expected 6 coefficients or a 6 x 6 matrix"
+            f"the {what} has {given.size} numbers; expected 6 coefficients or a 6 x 6 matrix"
         )
     if not np.isfinite(given).all():
-        raise ValueError("the added mass has a number that is not finite")
-    if given.size == 6:
-        if (given < 0.0).any():
-            raise ValueError(
-                f"the added mass has a negative coefficient, {given.min():g}; "
-                "all six must be 0 or more"
-            )
-        return _from_coefficients(hull, density, given.ravel())
-    matrix = given.reshape(6, 6)
+        raise ValueError(f"the {what} has a number that is not finite")
+    if given.size == 6 and (given < 0.0).any():
+        raise ValueError(
+            f"the {what} has a negative coefficient, {given.min():g}; all six must be 0 or more"
+        )
+    return given
+
+
+def _checked(matrix: Array, what: str) -> Array:
+    """A matrix that takes energy and gives none, or ValueError."""
     largest = np.abs(matrix).max()
     asymmetry = np.abs(matrix - matrix.T).max()
     if asymmetry > SYMMETRY * largest:
         raise ValueError(
-            "the added mass matrix is not symmetric: two opposite numbers differ by "
+            f"the {what} matrix is not symmetric: two opposite numbers differ by "
             f"{asymmetry:g}; make both their mean"
         )
     lowest = np.linalg.eigvalsh(matrix)[0]
     if lowest < -SYMMETRY * largest:
         raise ValueError(
-            f"the added mass matrix has the negative eigenvalue {lowest:g}: the water would give "
-            "energy to an accelerating body; it must be positive semidefinite"
+            f"the {what} matrix has the negative eigenvalue {lowest:g}: the water would give "
+            "energy to a moving body; it must be positive semidefinite"
         )
     return 0.5 * (matrix + matrix.T)
 

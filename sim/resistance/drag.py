@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from sim.geometry import area_vectors, areas, cross, placed, split_triangles
 from sim.hull import Hull
 from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
-from sim.resistance.added_mass import added_mass_matrix
+from sim.resistance.added_mass import added_mass_matrix, damping_matrix
 from sim.water.fit import SAFETY, newton_steps
 from sim.water.gerstner import LABELS, WATER, WAVE, decay, set_labels, solve_labels
 from sim.water.head import depth
@@ -128,7 +128,8 @@ class Drag:
     """Drag of one hull in a sea, and the added mass that it carries (see `added_mass`).
 
     coefficients: the strengths of drag; added_mass: none, six coefficients, or a (6, 6)
-    matrix, checked by `added_mass.added_mass_matrix`. Raises ValueError.
+    matrix, checked by `added_mass.added_mass_matrix`; damping: the same (see `damping_matrix`), of
+    the submerged hull, in its frame. Raises ValueError.
 
     surface, strength: the hull's SURFACE and STRENGTH; has_surface_drag: whether the elements
     meet any.
@@ -140,13 +141,16 @@ class Drag:
         sea: Sea,
         coefficients: DragCoefficients = DragCoefficients(),
         added_mass: ArrayLike | None = None,
+        damping: ArrayLike | None = None,
     ) -> None:
         self.hull = hull
         self.sea = sea
         self.coefficients = c = coefficients
-        self.added_mass = None
+        self.added_mass = self.damping = None
         if added_mass is not None:
             self.added_mass = added_mass_matrix(hull, sea.density, added_mass)
+        if damping is not None:
+            self.damping = damping_matrix(damping)
         speed = np.sqrt(sea.gravity * np.cbrt(hull.volume))
         pressures = sea.density * np.array([c.linear * speed, 0.25 * c.form, 0.5 * c.friction])
         self.has_surface_drag = bool(pressures.any())

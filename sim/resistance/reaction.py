@@ -38,11 +38,11 @@ from sim.resistance.drag import (
 from sim.water.motion import VELOCITIES, water_motion
 
 HULL = record(
-    surface="i8", has_drag="i8", has_added_mass="i8", strength=STRENGTH,
-    rate="f8", centroid=("f8", 3), added_mass=("f8", (6, 6)),
+    surface="i8", has_drag="i8", has_added_mass="i8", has_damping="i8", strength=STRENGTH,
+    rate="f8", centroid=("f8", 3), added_mass=("f8", (6, 6)), damping=("f8", (6, 6)),
 )  # fmt: skip
-"""A hull with drag or added mass: its elements, and the rate [1/s] at which it takes angular
-momentum from its body."""
+"""A hull with drag, added mass or damping: its elements, and the rate [1/s] at which it takes
+angular momentum from its body."""
 
 REACTION = record(
     drag=("f8", 6), inertia=("f8", 6), matrix=("f8", (6, 6)), velocity=("f8", 6), bias=("f8", 6)
@@ -58,9 +58,10 @@ def hull_row(surface: int, drag: Drag, volume: float) -> tuple[object, ...]:
     drag, which share the decay of angular momentum."""
     has_added_mass = drag.added_mass is not None
     return (
-        surface, drag.has_surface_drag, has_added_mass, drag.strength[0],
+        surface, drag.has_surface_drag, has_added_mass, drag.damping is not None, drag.strength[0],
         drag.coefficients.angular * drag.hull.volume / volume, drag.hull.centroid,
         drag.added_mass if has_added_mass else np.zeros((6, 6)),
+        np.zeros((6, 6)) if drag.damping is None else drag.damping,
     )  # fmt: skip
 
 
@@ -112,6 +113,20 @@ def add_added_mass(fraction, growth, factor, hull, pose, water, reaction_out):
 
 
 @kernel
+def add_matrix_damping(fraction, factor, hull, pose, water, reaction_out):
+    """Add a hull's damping by a matrix, of its velocity relative to that of the water (6,) at its
+    centroid, world axes."""
+    r = reaction_out[0]
+    velocity = r.velocity.copy()
+    vx, vy, vz = turned_back(pose.rotation, water, 0)
+    velocity[0], velocity[1], velocity[2] = velocity[0] - vx, velocity[1] - vy, velocity[2] - vz
+    for i in range(6):
+        for j in range(6):
+            r.drag[i] -= fraction * hull.damping[i, j] * velocity[j]
+            r.matrix[i, j] += factor * fraction * hull.damping[i, j]
+
+
+@kernel
 def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
     """What a hull meets, all in its own axes about its own origin, into a REACTION that has its
     motion, but for the decay of angular momentum. factor: that of the damping in the matrix.
@@ -132,11 +147,14 @@ def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
         )
     if hull.has_drag:
         add_hull_drag(surface, strength, factor, work, r.drag, r.matrix)
-    if hull.has_added_mass:
+    if hull.has_added_mass or hull.has_damping:
         point, water = pose.position.copy(), np.empty(6)
         for i in range(3):
             for j in range(3):
                 point[i] += pose.rotation[3 * i + j] * hull.centroid[j]
         water_motion(point, flow.waves, flow.water, flow.time, water)
-        add_added_mass(fraction, growth, factor, hull, pose, water, reaction_out)
+        if hull.has_added_mass:
+            add_added_mass(fraction, growth, factor, hull, pose, water, reaction_out)
+        if hull.has_damping:
+            add_matrix_damping(fraction, factor, hull, pose, water, reaction_out)
     return fraction
