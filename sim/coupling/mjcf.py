@@ -264,10 +264,9 @@ def _read_drag(
         for base in matrices:
             given = values[base]
             if given is not None:
-                matrix = _in_geom_frame(
-                    model, geom, _matrix_of(model, geom, hull, sea, base, given)
-                )
-                matrices[base] = matrix / (afloat if given.size == 36 else 1.0)
+                share = afloat if given.size == 36 else 1.0
+                matrix = _matrix_of(model, geom, hull, sea, base, given)
+                matrices[base] = _in_geom_frame(model, geom, matrix) / share
         return Drag(hull, sea, DragCoefficients(*strengths), **matrices)
     except ValueError as error:
         asked = " and ".join(f"'{s}'" for s in sources.values() if s in numerics)

@@ -31,8 +31,8 @@ def added_mass_matrix(hull: Hull, density: float, added_mass: ArrayLike) -> Arra
     heaviest, displaced = np.diag(matrix)[:3].max(), density * hull.volume
     if heaviest > MOST * displaced:
         raise ValueError(
-            f"the added mass matrix has {heaviest:.4g} kg, {heaviest / displaced:.3g} times what the "
-            "hull displaces; expected kg, kg m and kg m^2: correct it"
+            f"the added mass matrix has {heaviest:.4g} kg, {heaviest / displaced:.3g} times what "
+            "the hull displaces; expected kg, kg m and kg m^2: correct it"
         )
     return matrix
 
