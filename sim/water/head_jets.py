@@ -29,11 +29,9 @@ from sim.water.gerstner import (
     LABELS,
     ROW,
     SUMS,
-    add_wave,
     clear_sums,
     decay,
     newton_labels,
-    sine_cosine,
     solve_labels,
     solved,
     wave_sums,
@@ -42,8 +40,7 @@ from sim.water.jets import (
     FIELD,
     FIRST,
     HIGHER_SUMS,
-    add_second,
-    add_third,
+    add_wave_jet,
     clear_higher,
     first_derivatives,
     largest_residual,
@@ -123,27 +120,16 @@ def add_others(d, i, s, c, kka, kkka, dx, dy):
 
 @kernel
 def head_sums(count, waves, time, labels, sums_out, higher_out, decayed_out):
-    """SUMS, HIGHER_SUMS and DECAYED at the first `count` LABELS, for heights that the last has.
-    Loops with few fields each, which the compiler vectorises."""
+    """SUMS, HIGHER_SUMS and DECAYED at the first `count` LABELS, for heights that the last has."""
     at, p, h, d = labels[0], sums_out[0], higher_out[0], decayed_out[0]
     clear_sums(p, count)
     clear_higher(h, count)
     clear_decayed(d, count)
     for w in range(waves.size):
         wave = waves[w]
-        turns_x, turns_y = wave.turns_x, wave.turns_y
-        turns = wave.turns - wave.frequency * time
-        a, dx, dy, k = wave.amplitude, wave.direction_x, wave.direction_y, wave.wavenumber
-        ka, kka, kkka = wave.ka, wave.kka, wave.kkka
-        for i in range(count):
-            s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
-            h.sine[i], h.cosine[i] = s, c
-        for i in range(count):
-            add_wave(p, i, h.sine[i], h.cosine[i], a, ka, dx, dy)
-        for i in range(count):
-            add_second(h, i, kka * h.sine[i], kka * h.cosine[i], dx, dy)
-        for i in range(count):
-            add_third(h, i, kkka * h.sine[i], kkka * h.cosine[i], dx, dy)
+        a, ka, kka, kkka = wave.amplitude, wave.ka, wave.kka, wave.kkka
+        k, dx, dy = wave.wavenumber, wave.direction_x, wave.direction_y
+        add_wave_jet(at, p, h, count, wave, time)
         for i in range(count):
             e, s, c = decay(-k * d.s[i]), h.sine[i], h.cosine[i]
             add_firsts(d, i, s, c, e, a, ka, k, dx, dy)

@@ -96,28 +96,33 @@ def add_third(h, i, s, c, dx, dy):
     h.y_yyy[i] += yy * yy * s
 
 
+@inline
+def add_wave_jet(at, p, h, count, wave, time):
+    """Add one wave to the SUMS and HIGHER_SUMS of the first `count` labels, and leave its sine and
+    cosine. Loops with few fields each, which the compiler vectorises."""
+    turns_x, turns_y = wave.turns_x, wave.turns_y
+    turns = wave.turns - wave.frequency * time
+    a, dx, dy = wave.amplitude, wave.direction_x, wave.direction_y
+    ka, kka, kkka = wave.ka, wave.kka, wave.kkka
+    for i in range(count):
+        s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
+        h.sine[i], h.cosine[i] = s, c
+    for i in range(count):
+        add_wave(p, i, h.sine[i], h.cosine[i], a, ka, dx, dy)
+    for i in range(count):
+        add_second(h, i, kka * h.sine[i], kka * h.cosine[i], dx, dy)
+    for i in range(count):
+        add_third(h, i, kkka * h.sine[i], kkka * h.cosine[i], dx, dy)
+
+
 @kernel
 def jet_sums(count, waves, time, labels, sums_out, higher_out):
-    """The SUMS and HIGHER_SUMS at the first `count` LABELS. Loops with few fields each, which the
-    compiler vectorises."""
+    """The SUMS and HIGHER_SUMS at the first `count` LABELS."""
     at, p, h = labels[0], sums_out[0], higher_out[0]
     clear_sums(p, count)
     clear_higher(h, count)
     for w in range(waves.size):
-        wave = waves[w]
-        turns_x, turns_y = wave.turns_x, wave.turns_y
-        turns = wave.turns - wave.frequency * time
-        a, dx, dy = wave.amplitude, wave.direction_x, wave.direction_y
-        ka, kka, kkka = wave.ka, wave.kka, wave.kkka
-        for i in range(count):
-            s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
-            h.sine[i], h.cosine[i] = s, c
-        for i in range(count):
-            add_wave(p, i, h.sine[i], h.cosine[i], a, ka, dx, dy)
-        for i in range(count):
-            add_second(h, i, kka * h.sine[i], kka * h.cosine[i], dx, dy)
-        for i in range(count):
-            add_third(h, i, kkka * h.sine[i], kkka * h.cosine[i], dx, dy)
+        add_wave_jet(at, p, h, count, waves[w], time)
 
 
 @kernel
