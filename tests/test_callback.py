@@ -4,6 +4,7 @@ import copy
 import ctypes
 import pickle
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from hashlib import sha256
 
 import mujoco
@@ -259,6 +260,33 @@ def test_one_call_of_many_steps_in_many_threads_is_many_calls_in_one(integrator)
         for threads in (1, 2, 8):
             with ThreadPoolExecutor(threads) as pool:
                 assert set(pool.map(run, [100, 1, 10, 50, 1, 100, 100, 10])) == {expected}
+
+
+def test_the_latest_block_of_a_model_acts_and_then_the_earlier_one_again():
+    compiled = model(custom=WAVES)
+    data = mujoco.MjData(compiled)
+    mujoco.mj_kinematics(compiled, data)
+    outer, inner = (Buoyancy.from_model(compiled, m) for m in ("linear", "patches"))
+    pushes = [b.wrenches(data)[0, 2] for b in (outer, inner)]
+    assert pushes[0] != pytest.approx(pushes[1], rel=1e-5)
+    with outer.installed():
+        for acting, push in ((inner, pushes[1]), (None, pushes[0])):
+            with acting.installed() if acting else nullcontext():
+                mujoco.mj_forward(compiled, data)
+            assert data.xfrc_applied[1, 2] == pytest.approx(push, rel=1e-12)
+    assert (outer.calls, inner.calls) == (1, 1)
+
+
+def test_a_model_with_more_in_it_is_no_copy():
+    """Though MuJoCo's signature is the same: numbers of custom fields do not count there."""
+    scene = cube(custom=WAVES + '<numeric name="mine" data="1"/>')
+    other = model(custom=WAVES + '<numeric name="mine" data="1 2 3"/>')
+    assert other.signature == scene.model.signature
+    with (
+        pytest.warns(UserWarning, match="one of the same structure was, with other numbers"),
+        scene.buoyancy.installed(),
+    ):
+        mujoco.mj_forward(other, mujoco.MjData(other))
 
 
 def test_a_copy_of_a_model_floats_as_the_model():

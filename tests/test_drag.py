@@ -521,6 +521,27 @@ def test_a_simple_body_takes_the_same_step_as_the_timestep_shrinks():
     assert ((slopes > 0.8) & (slopes < 1.2)).all(), slopes
 
 
+def test_a_simple_bodys_diagonal_is_never_too_little():
+    """It lies above the whole matrix that a body with room for it gets, and is not that."""
+    custom = WAVES + '<numeric name="drag" data="20 100 50"/>'
+    for position, rotation, velocity, time in random_states(6):
+        matrices = []
+        for body in (CUBE, ROOMY_CUBE):
+            scene = Scene.from_model(model(body, ("cube",), custom))
+            compiled, data, whole = scene.model, scene.data, np.empty((6, 6))
+            mujoco.mju_mat2Quat(data.qpos[3:7], rotation.ravel())
+            data.qpos[:3], data.qvel[:], data.time = position, velocity, time
+            with scene.buoyancy.installed():
+                mujoco.mj_forward(compiled, data)
+            mujoco.mj_fullM(compiled, data, whole)
+            matrices.append(whole)
+        simple, roomy = matrices
+        assert not (simple - np.diag(np.diag(simple))).any()
+        above = np.linalg.eigvalsh(simple - roomy)
+        assert above[0] > -1e-9 * above[-1]
+        assert above[-1] > 0.0
+
+
 CEILING = '<geom type="plane" size="9 9 1" pos="0 0 -1" euler="180 0 0" condim="1"/>'
 LIGHT = {
     "box": ('type="box" size="0.4 0.4 0.4" density="60"', -1.42, ""),
