@@ -224,3 +224,18 @@ def test_simulate_refuses_a_gravity_that_its_sea_was_not_made_under():
     scene.model.opt.gravity[2] = -1.62
     with pytest.raises(ValueError, match=r"gravity is 1\.62 m/s.*made under 9\.81"):
         simulate(scene, 1.0)
+
+
+def test_the_submerged_volume_is_that_in_the_sea_as_it_runs_under_another_gravity():
+    """Whose waves are slower: as in a scene that is made under it."""
+    volumes = []
+    for changes_first in (True, False):
+        scene = cube_scene()
+        buoyancy = scene.buoyancy
+        scene.model.opt.gravity[2] = -1.62
+        if changes_first:
+            buoyancy = Scene.from_model(scene.model).buoyancy
+        scene.data.time = 1.3
+        mujoco.mj_kinematics(scene.model, scene.data)
+        volumes.append(buoyancy.submerged_volumes(scene.data)[0])
+    assert volumes[0] == pytest.approx(volumes[1], rel=1e-9)

@@ -214,10 +214,7 @@ class Buoyancy:
         if sea.pressure == "hydrostatic" or not sea.waves:
             lifts = self._pushed(self.model, data)[:, 2]
         else:
-            wrenches = np.empty((len(self.floats), 6))
-            for batch in self._still_batches:
-                batch.write_wrenches(data.geom_xpos, data.geom_xmat, data.time, wrenches)
-            lifts = wrenches[:, 2]
+            lifts = self._computed(self._still_batches, self.model, data)[:, 2]
         return lifts / (sea.density * sea.gravity)
 
     @cached_property
@@ -255,13 +252,19 @@ class Buoyancy:
 
     def _pushed(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Buoyancy (H, 6) of all hulls about their geoms' places, by the sea's own gravity."""
+        if not self.context.is_native:
+            return self._computed(self._batches, model, data)
         wrenches = np.empty((len(self.floats), 6))
-        if self.context.is_native:
-            self.context.push(model, data, wrenches)
-        else:
-            time = self._rate(model) * data.time
-            for batch in self._batches:
-                batch.write_wrenches(data.geom_xpos, data.geom_xmat, time, wrenches)
+        self.context.push(model, data, wrenches)
+        return wrenches
+
+    def _computed(
+        self, batches: Sequence[Batch], model: mujoco.MjModel, data: mujoco.MjData
+    ) -> Array:
+        """The same by the interpreter, from batches of the hulls."""
+        wrenches, time = np.empty((len(self.floats), 6)), self._rate(model) * data.time
+        for batch in batches:
+            batch.write_wrenches(data.geom_xpos, data.geom_xmat, time, wrenches)
         return wrenches
 
     def _rate(self, model: mujoco.MjModel) -> float:
