@@ -86,8 +86,8 @@ SHARDS = 64
 
 CALLS, NANOSECONDS, SEEN, STRANGERS, OVERWRITTEN, REFUSED = range(6)
 """Numbers of a counter: calls and the time they took; states seen and left to a later block; models
-of the same structure that are no copies; states with forces of somebody else in our rows; 1 +
-the reason for which a model was refused."""
+of the same structure that are no copies; states with forces of somebody else in our rows; minus
+what `find_context` answered where a model was refused."""
 
 COUNTERS = 8  # numbers a shard: a cache line
 
@@ -98,8 +98,8 @@ MARKS = 4096
 """Marks of rows that were written last, of the whole process."""
 
 NOBODY, AMBIGUOUS, TILTED = -1, -2, -3
-"""What `find` answers when there is no context: none for this model, several, or a gravity that is
-not along -z; below these a number of FIELDS that changed: CHANGED - number."""
+"""What `find_context` answers when there is no context: none for this model, several, or a gravity
+that is not along -z; below these a number of FIELDS that changed: CHANGED - number."""
 
 CHANGED = -4
 
