@@ -39,7 +39,7 @@ from sim.resistance.added_mass import added_mass_matrix, damping_matrix
 from sim.water.fit import SAFETY, newton_steps
 from sim.water.gerstner import LABELS, WATER, WAVE, decay, set_labels, solve_labels
 from sim.water.head import depth
-from sim.water.motion import VELOCITIES, water_velocities
+from sim.water.motion import MOTION, VELOCITY, water_motion
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -328,10 +328,10 @@ def submersion_rate(surface, volume, fraction, rotation, velocity, work):
 
 
 @kernel
-def relative_velocities(surface, rotation, velocity, velocities, work):
+def relative_velocities(surface, rotation, velocity, motion, work):
     """Velocities of the elements relative to the water, from that (6,) of the hull, both in its own
-    axes, and the VELOCITIES of the water."""
-    s, e, water = surface, work[0], velocities[0]
+    axes, and the MOTION of the water."""
+    s, e, water = surface, work[0], motion[0]
     vx, vy, vz, wx, wy, wz = velocity
     ax, ay, az, bx, by, bz, cx, cy, cz = rotation
     for i in range(ELEMENTS):
@@ -453,17 +453,14 @@ def add_damping(surface, strength, work, factor, damping_out):
 
 
 @kernel
-def solve_elements(surface, strength, flow, work, velocities_out):
-    """Heights of the water above the elements, and then their depths, wet areas and the VELOCITIES
-    of the water there; returns the sum of the wet areas."""
-    e, guess, labels = work[0], np.empty(1, LABELS), np.empty(1, LABELS)
+def solve_elements(surface, strength, flow, work, labels_out):
+    """Heights of the water above the elements and the LABELS there, and then their depths and wet
+    areas; returns the sum of these."""
+    e, guess = work[0], np.empty(1, LABELS)
     residual, steps = strength.residual, strength.steps
     set_labels(e.x, e.y, guess)
-    solve_labels(e.x, e.y, guess, flow.waves, flow.time, residual, steps, e.height, labels)
-    area = wet_areas(surface, flow.water[0].level, work)
-    if area > 0.0:
-        water_velocities(ELEMENTS, e.depth, flow.waves, flow.time, labels, velocities_out)
-    return area
+    solve_labels(e.x, e.y, guess, flow.waves, flow.time, residual, steps, e.height, labels_out)
+    return wet_areas(surface, flow.water[0].level, work)
 
 
 @kernel
@@ -482,9 +479,10 @@ def write_drag(block, position, rotation, velocity, time, wrench_out):
     surface, strength = table(block, 0, SURFACE), table(block, 1, STRENGTH)
     flow = Flow(table(block, 2, WAVE), table(block, 3, WATER), time)
     pose, damping = Pose(position, rotation), np.zeros((6, 6))
-    work, velocities = np.empty(1, WORK), np.empty(1, VELOCITIES)
+    work, labels, motion = np.empty(1, WORK), np.empty(1, LABELS), np.empty(1, MOTION)
     wrench_out[:] = 0.0
     place_elements(surface[0], pose, work)
-    if solve_elements(surface[0], strength[0], flow, work, velocities) > 0.0:
-        relative_velocities(surface[0], rotation, velocity, velocities, work)
+    if solve_elements(surface[0], strength[0], flow, work, labels) > 0.0:
+        water_motion(VELOCITY, work[0].depth, flow.waves, flow.time, labels, motion)
+        relative_velocities(surface[0], rotation, velocity, motion, work)
         add_hull_drag(surface[0], strength[0], 1.0, work, wrench_out, damping)

@@ -1,10 +1,10 @@
 """Reaction: all that a moving hull meets besides buoyancy, as a wrench and a matrix of inertia.
 
 Added mass is the water that a hull has to accelerate with itself: A, 6 x 6, times the submerged
-fraction f. By Kirchhoff's equations, in axes that turn with the hull and with nu = (u, omega)
-relative to the water at the hull's centroid, which itself moves at v_w and accelerates by a_w,
+fraction f. By Kirchhoff's equations, in axes that turn with the hull at Omega and with nu = (u,
+omega) relative to the water, whose velocity is g and acceleration a as a rigid body (`rigid_fit`),
 
-    F_added = - f A (nu_dot - (a_w - omega x v_w, 0)) - (omega x p, omega x l + u x p),
+    F_added = - f A (nu_dot - (a - Omega x g)) - (Omega x p, Omega x l + u x p),
     (p, l) = f A nu,    nu_dot the rate, in these axes, of the hull's own velocity.
 
 nu_dot is J qacc + J_dot qvel: the first term belongs to the matrix of inertia, and so does the
@@ -23,7 +23,7 @@ Source: Newman 1977 for Kirchhoff's equations.
 import numpy as np
 
 from sim.geometry import cross
-from sim.kernels import inline, kernel, record
+from sim.kernels import kernel, record
 from sim.resistance.drag import (
     STRENGTH,
     WORK,
@@ -35,22 +35,25 @@ from sim.resistance.drag import (
     submerged_fraction,
     submersion_rate,
 )
-from sim.water.motion import VELOCITIES, water_motion
+from sim.resistance.rigid_fit import fit_matrix, fit_motion
+from sim.water.gerstner import LABELS
+from sim.water.motion import ACCELERATION, MOTION, VELOCITY, water_motion
 
 HULL = record(
     surface="i8", has_drag="i8", has_added_mass="i8", has_damping="i8", strength=STRENGTH,
-    rate="f8", centroid=("f8", 3), added_mass=("f8", (6, 6)), damping=("f8", (6, 6)),
+    rate="f8", added_mass=("f8", (6, 6)), damping=("f8", (6, 6)),
 )  # fmt: skip
 """A hull with drag, added mass or damping: its elements, and the rate [1/s] at which it takes
 angular momentum from its body."""
 
 REACTION = record(
-    drag=("f8", 6), inertia=("f8", 6), matrix=("f8", (6, 6)), velocity=("f8", 6), bias=("f8", 6)
+    drag=("f8", 6), inertia=("f8", 6), matrix=("f8", (6, 6)), velocity=("f8", 6), bias=("f8", 6),
+    water=("f8", 6), pull=("f8", 6),
 )  # fmt: skip
 """Workspace: wrenches of drag, and of added mass less its matrix times J qacc; the lower triangle
 of the matrix of inertia with damping, f A + h C. And how the hull moves, in its own axes at its
 frame's origin: its velocity and that part of its rate which is no acceleration of joints,
-J_dot qvel: linear, then angular."""
+J_dot qvel: linear, then angular; and the water's velocity and acceleration."""
 
 
 def hull_row(surface: int, drag: Drag, volume: float) -> tuple[object, ...]:
@@ -59,27 +62,17 @@ def hull_row(surface: int, drag: Drag, volume: float) -> tuple[object, ...]:
     has_added_mass = drag.added_mass is not None
     return (
         surface, drag.has_surface_drag, has_added_mass, drag.damping is not None, drag.strength[0],
-        drag.coefficients.angular * drag.hull.volume / volume, drag.hull.centroid,
+        drag.coefficients.angular * drag.hull.volume / volume,
         drag.added_mass if has_added_mass else np.zeros((6, 6)),
         np.zeros((6, 6)) if drag.damping is None else drag.damping,
     )  # fmt: skip
 
 
-@inline
-def turned_back(rotation, vector, first):
-    """A vector of three numbers from `first` on, from world axes into those of rotation (9,)."""
-    r, x, y, z = rotation, vector[first], vector[first + 1], vector[first + 2]
-    return (
-        r[0] * x + r[3] * y + r[6] * z,
-        r[1] * x + r[4] * y + r[7] * z,
-        r[2] * x + r[5] * y + r[8] * z,
-    )
-
-
 @kernel
-def add_momentum(velocity, momentum, wrench_out):
-    """Add Kirchhoff's terms for a velocity (6,) and a momentum (6,), in the hull's own axes."""
-    u, w, p, m = velocity[:3], velocity[3:], momentum[:3], momentum[3:]
+def add_momentum(u, w, momentum, wrench_out):
+    """Add Kirchhoff's terms for a velocity u (3,) relative to the water and a momentum (6,), in the
+    hull's own axes, which turn at w (3,)."""
+    p, m = momentum[:3], momentum[3:]
     fx, fy, fz = cross(w[0], w[1], w[2], p[0], p[1], p[2])
     tx, ty, tz = cross(w[0], w[1], w[2], m[0], m[1], m[2])
     mx, my, mz = cross(u[0], u[1], u[2], p[0], p[1], p[2])
@@ -92,16 +85,23 @@ def add_momentum(velocity, momentum, wrench_out):
 
 
 @kernel
-def add_added_mass(fraction, growth, factor, hull, pose, water, reaction_out):
-    """Add a hull's added mass. growth [1/s]: of the submerged fraction; water (6,): velocity and
-    acceleration of the water at its centroid, world axes."""
+def subtract_turning(velocity, water, rate_out):
+    """Subtract Omega x (u, omega) of the water's motion from a rate (6,): Omega, the angular part
+    of the hull's velocity, turns the axes in which all are given."""
+    wx, wy, wz = velocity[3], velocity[4], velocity[5]
+    for i in range(0, 6, 3):
+        x, y, z = cross(wx, wy, wz, water[i], water[i + 1], water[i + 2])
+        rate_out[i] -= x
+        rate_out[i + 1] -= y
+        rate_out[i + 2] -= z
+
+
+@kernel
+def add_added_mass(fraction, growth, factor, hull, reaction_out):
+    """Add a hull's added mass. growth [1/s]: of the submerged fraction."""
     r = reaction_out[0]
-    velocity, known, momentum = r.velocity.copy(), -r.bias, np.zeros(6)
-    vx, vy, vz = turned_back(pose.rotation, water, 0)
-    ax, ay, az = turned_back(pose.rotation, water, 3)
-    tx, ty, tz = cross(velocity[3], velocity[4], velocity[5], vx, vy, vz)
-    known[0], known[1], known[2] = known[0] + ax - tx, known[1] + ay - ty, known[2] + az - tz
-    velocity[0], velocity[1], velocity[2] = velocity[0] - vx, velocity[1] - vy, velocity[2] - vz
+    velocity, known, momentum = r.velocity - r.water, r.pull - r.bias, np.zeros(6)
+    subtract_turning(r.velocity, r.water, known)
     for i in range(6):
         for j in range(6):
             a = hull.added_mass[i, j]
@@ -109,20 +109,16 @@ def add_added_mass(fraction, growth, factor, hull, pose, water, reaction_out):
             r.matrix[i, j] += (fraction + 0.5 * factor * max(growth, 0.0)) * a
             momentum[i] += fraction * a * velocity[j]
             r.inertia[i] += a * (fraction * known[j] - 0.5 * growth * velocity[j])
-    add_momentum(velocity, momentum, r.inertia)
+    add_momentum(velocity[:3], r.velocity[3:], momentum, r.inertia)
 
 
 @kernel
-def add_matrix_damping(fraction, factor, hull, pose, water, reaction_out):
-    """Add a hull's damping by a matrix, of its velocity relative to that of the water (6,) at its
-    centroid, world axes."""
+def add_matrix_damping(fraction, factor, hull, reaction_out):
+    """Add a hull's damping by a matrix, of its velocity relative to the water's."""
     r = reaction_out[0]
-    velocity = r.velocity.copy()
-    vx, vy, vz = turned_back(pose.rotation, water, 0)
-    velocity[0], velocity[1], velocity[2] = velocity[0] - vx, velocity[1] - vy, velocity[2] - vz
     for i in range(6):
         for j in range(6):
-            r.drag[i] -= fraction * hull.damping[i, j] * velocity[j]
+            r.drag[i] -= fraction * hull.damping[i, j] * (r.velocity[j] - r.water[j])
             r.matrix[i, j] += factor * fraction * hull.damping[i, j]
 
 
@@ -133,12 +129,13 @@ def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
     Returns how much of the hull is submerged."""
     r, surface, strength = reaction_out[0], surfaces[hull.surface], hull.strength
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
-    work, velocities = np.empty(1, WORK), np.empty(1, VELOCITIES)
+    work, labels, motion = np.empty(1, WORK), np.empty(1, LABELS), np.empty(1, MOTION)
     place_elements(surface, pose, work)
-    area = solve_elements(surface, strength, flow, work, velocities)
+    area = solve_elements(surface, strength, flow, work, labels)
     if area == 0.0:
         return 0.0
-    relative_velocities(surface, pose.rotation, r.velocity, velocities, work)
+    water_motion(VELOCITY, work[0].depth, flow.waves, flow.time, labels, motion)
+    relative_velocities(surface, pose.rotation, r.velocity, motion, work)
     fraction, growth = 1.0, 0.0
     if area < (1.0 - 1e-12) * strength.area:
         fraction = submerged_fraction(surface, strength.volume, pose.rotation, work)
@@ -148,13 +145,13 @@ def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
     if hull.has_drag:
         add_hull_drag(surface, strength, factor, work, r.drag, r.matrix)
     if hull.has_added_mass or hull.has_damping:
-        point, water = pose.position.copy(), np.empty(6)
-        for i in range(3):
-            for j in range(3):
-                point[i] += pose.rotation[3 * i + j] * hull.centroid[j]
-        water_motion(point, flow.waves, flow.water, flow.time, water)
+        lower = np.empty((6, 6))
+        fit_matrix(surface, work, lower)
+        fit_motion(surface, pose.rotation, work, lower, motion, r.water)
         if hull.has_added_mass:
-            add_added_mass(fraction, growth, factor, hull, pose, water, reaction_out)
+            water_motion(ACCELERATION, work[0].depth, flow.waves, flow.time, labels, motion)
+            fit_motion(surface, pose.rotation, work, lower, motion, r.pull)
+            add_added_mass(fraction, growth, factor, hull, reaction_out)
         if hull.has_damping:
-            add_matrix_damping(fraction, factor, hull, pose, water, reaction_out)
+            add_matrix_damping(fraction, factor, hull, reaction_out)
     return fraction
