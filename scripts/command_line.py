@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
 from time import monotonic
@@ -109,6 +110,15 @@ def check_writable(path: Path | None) -> None:
     """Find out before the work whether its file can be written. Raises OSError."""
     if path is not None:
         path.open("a").close()
+
+
+def check_drawable(path: Path | None) -> None:
+    """The same for a figure. Raises ValueError where matplotlib is missing."""
+    if path is not None and find_spec("matplotlib") is None:
+        raise ValueError(
+            "--figure needs matplotlib, which is not installed; run: pip install '.[report]'"
+        )
+    check_writable(path)
 
 
 def run_to_the_end(work: Callable[[], None], received: list[int]) -> int:

@@ -11,7 +11,6 @@ Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C, with the rows 
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
 from itertools import groupby, product
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from command_line import (
     UNUSABLE_INPUT,
     Parser,
     at_least,
+    check_drawable,
     check_writable,
     interruptible,
     positive,
@@ -70,8 +70,6 @@ TRUTH = 1e-7
 
 SAME_SURFACE = {"bunny_fine": "bunny"}
 """Hulls whose true wrench is that of another one, which the reference is faster on."""
-
-FIGURE_NEEDS = "--figure needs matplotlib, which is not installed; run: pip install '.[report]'"
 
 
 def make_hull(name: str) -> Hull:
@@ -271,13 +269,11 @@ def print_sources(report: dict[str, list[dict[str, Any]]]) -> None:
 
 def check_outputs(options: argparse.Namespace) -> None:
     """Find out before the work whether its results can be written and its methods made."""
-    if options.figure is not None and find_spec("matplotlib") is None:
-        raise ValueError(FIGURE_NEEDS)
+    check_drawable(options.figure)
     cube = make_hull("cube")
     for text in options.methods:
         make_method(text, cube, SEAS["swell"])
     check_writable(options.json)
-    check_writable(options.figure)
 
 
 def collect(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:

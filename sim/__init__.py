@@ -6,6 +6,7 @@ reads this map and keeps it so):
     drawing/, measure/        recordings for Rerun; errors and timings, statistics, hard cases
     coupling/                 MuJoCo: an MJCF file as a scene, the callback, the stepping loop
     methods/, resistance/     (hull, sea, pose, time) -> wrench of the water; drag, added mass
+    statics/                  how a body rests in still water, and what brings it back
     hull, triangle, water/    closed surfaces; the wrench of one triangle; waves and pressure
     geometry                  areas, volumes, rotations of triangles and bodies
     addresses                 arrays, functions and counters at places in memory
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from sim.coupling.buoyancy import Buoyancy
 from sim.coupling.divergence import DivergenceError
+from sim.coupling.hydrostatics import Hydrostatics, hydrostatics
 from sim.coupling.scene import Scene
 from sim.coupling.simulation import Sample, Tally, observe, simulate
 from sim.hull import Hull
@@ -48,6 +50,7 @@ __all__ = [
     "Drag",
     "DragCoefficients",
     "Hull",
+    "Hydrostatics",
     "Linear",
     "Patches",
     "Recorder",
@@ -58,6 +61,7 @@ __all__ = [
     "SideBySideRecorder",
     "Tally",
     "Wave",
+    "hydrostatics",
     "observe",
     "read_series",
     "simulate",

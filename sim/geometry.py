@@ -95,6 +95,22 @@ def rotation_matrix(quaternion: Array) -> Array:
     )
 
 
+def moved_matrix(matrix: Array, place: Array, rotation: Array) -> Array:
+    """A matrix (6, 6) over motions (linear, angular) of a frame as one over those of another, which
+    lies in it at a place (3,) with a rotation (3, 3)."""
+    x, y, z = place
+    move = np.zeros((6, 6))  # motion of the one from that of the other: v - omega x place
+    move[:3, :3] = move[3:, 3:] = rotation
+    move[:3, 3:] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rotation
+    return move.T @ matrix @ move
+
+
+def rotation_about(vector: Array) -> Array:
+    """Rotation (3, 3) about a vector by its length [rad]."""
+    half = 0.5 * np.linalg.norm(vector)
+    return rotation_matrix(np.array([np.cos(half), *(0.5 * np.sinc(half / np.pi) * vector)]))
+
+
 def random_rotation(rng: np.random.Generator) -> Array:
     """Rotation (3, 3), uniform over all rotations: that of a random unit quaternion."""
     q = rng.normal(size=4)

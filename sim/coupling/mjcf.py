@@ -24,6 +24,7 @@ from sim.coupling.custom_fields import (
     texts_of,
 )
 from sim.coupling.primitives import frame_rotation, geom_hull, geom_in_inertial_frame
+from sim.geometry import moved_matrix
 from sim.hull import Hull
 from sim.methods import Method, Settings, make_method
 from sim.resistance.added_mass import added_mass_matrix, damping_matrix
@@ -260,13 +261,14 @@ def _read_drag(
     if values["drag_angular"] is not None:
         strengths[3] = values["drag_angular"][0]
     matrices = dict.fromkeys(("added_mass", "damping"))
+    in_body = geom_in_inertial_frame(model, geom)
     try:
         for base in matrices:
             given = values[base]
             if given is not None:
                 share = afloat if given.size == 36 else 1.0
                 matrix = _matrix_of(model, geom, hull, sea, base, given)
-                matrices[base] = _in_geom_frame(model, geom, matrix) / share
+                matrices[base] = moved_matrix(matrix, *in_body) / share
         return Drag(hull, sea, DragCoefficients(*strengths), **matrices)
     except ValueError as error:
         asked = " and ".join(f"'{s}'" for s in sources.values() if s in numerics)
@@ -284,19 +286,6 @@ def _matrix_of(
     matrix = added_mass_matrix(Hull(hull.vertices @ turn.T + place, hull.faces), sea.density, given)
     _check_room(model, int(model.geom_bodyid[geom]), matrix)
     return matrix
-
-
-def _in_geom_frame(
-    model: mujoco.MjModel, geom: int, matrix: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """A matrix (6, 6) over motions of the body's inertial frame as one over those of a geom's."""
-    place, turn = geom_in_inertial_frame(model, geom)
-    move = np.zeros((6, 6))  # twist of the body's frame from that of the geom's
-    x, y, z = place
-    arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    move[:3, :3] = move[3:, 3:] = turn
-    move[:3, 3:] = arm @ turn  # v - omega x place
-    return move.T @ matrix @ move
 
 
 def moving_dofs(model: mujoco.MjModel, body: int) -> list[int]:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import cone_moments, cone_volumes, inertia_of
+from sim.geometry import cone_moments, cone_volumes, inertia_of, moved_matrix
 from sim.hull import Hull
 
 Array = NDArray[np.float64]
@@ -84,8 +84,4 @@ def _from_coefficients(hull: Hull, density: float, coefficients: Array) -> Array
     corners = (hull.vertices - hull.centroid)[hull.faces]
     inertia = np.diag(inertia_of(cone_moments(corners, cone_volumes(corners))))
     at_centroid = density * np.diag(coefficients * np.concatenate([[hull.volume] * 3, inertia]))
-    x, y, z = hull.centroid
-    arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    move = np.eye(6)
-    move[:3, 3:] = -arm  # velocity of the centroid: v + omega x arm = v - arm x omega
-    return move.T @ at_centroid @ move
+    return moved_matrix(at_centroid, -hull.centroid, np.eye(3))

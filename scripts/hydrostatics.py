@@ -1,0 +1,175 @@
+"""Say how the bodies of a scene lie in still water, in the terms of naval architects.
+
+    python scripts/hydrostatics.py models/wigley.xml --figure wigley.png
+
+Each tree of bodies is one rigid body here, let go in still water from the scene's first keyframe
+as if nothing else held it. Exit status: 0 on success, 2 on unusable input, 4 when a file cannot be
+written.
+"""
+
+import argparse
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from command_line import (
+    UNUSABLE_INPUT,
+    UNWRITABLE,
+    Parser,
+    check_drawable,
+    check_writable,
+    compiling_notice,
+    print_table,
+    run_script,
+    write_json,
+)
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim import Hydrostatics, Scene, hydrostatics
+from sim.coupling.hydrostatics import resting_corners
+
+ROWS = (
+    ("mass", "kg", "mass_kg"),
+    ("volume", "m^3", "volume_m3"),
+    ("relative density", "", "relative_density"),
+    ("displacement", "m^3", "displacement_m3"),
+    ("submerged fraction", "", "submerged_fraction"),
+    ("draught", "m", "draught_m"),
+    ("heel", "deg", "heel_deg"),
+    ("trim", "deg", "trim_deg"),
+    ("turned since the start", "deg", "tilt_from_start_deg"),
+    ("height of the body's origin", "m", "height_m"),
+    ("waterplane length LWL", "m", "lwl_m"),
+    ("waterplane breadth BWL", "m", "bwl_m"),
+    ("waterplane area", "m^2", "waterplane_m2"),
+    ("wetted surface", "m^2", "wetted_m2"),
+    ("block coefficient CB", "", "cb"),
+    ("waterplane coefficient CWP", "", "cwp"),
+    ("centre of buoyancy KB", "m", "kb_m"),
+    ("  ahead of the origin LCB", "m", "lcb_m"),
+    ("  to port TCB", "m", "tcb_m"),
+    ("centre of the waterplane LCF", "m", "lcf_m"),
+    ("  to port TCF", "m", "tcf_m"),
+    ("centre of mass KG", "m", "kg_m"),
+    ("metacentric radius BMt", "m", "bmt_m"),
+    ("metacentric radius BMl", "m", "bml_m"),
+    ("metacentric height GMt", "m", "gmt_m"),
+    ("metacentric height GMl", "m", "gml_m"),
+    ("heave period", "s", "heave_period_s"),
+    ("roll period", "s", "roll_period_s"),
+    ("pitch period", "s", "pitch_period_s"),
+    ("largest stable timestep", "s", "largest_timestep_s"),
+    ("righting arm vanishes at", "deg", "vanishing_deg"),
+)
+"""What is printed, its unit, and its name in a Hydrostatics."""
+
+ARMS_EVERY = 15.0
+"""Degrees between the righting arms that are printed; the others are in the JSON."""
+
+
+def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
+    parser = Parser(prog="hydrostatics.py", description=__doc__.splitlines()[0])
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers there")
+    parser.add_argument(
+        "--figure", type=Path, metavar="FILE.png", help="draw righting arms and hulls at rest"
+    )
+    return parser.parse_args(arguments)
+
+
+def print_report(found: dict[str, Hydrostatics]) -> None:
+    """One column a body."""
+    rows = [
+        (f"{title} [{unit}]" if unit else title, *(text(getattr(h, key)) for h in found.values()))
+        for title, unit, key in ROWS
+    ]
+    for i in range(max(len(h.gz or ()) for h in found.values())):
+        (heel,) = {h.gz[i][0] for h in found.values() if h.gz}
+        if heel % ARMS_EVERY == 0.0 and heel > 0.0:
+            arms = [text(h.gz[i][1]) if h.gz else text(None) for h in found.values()]
+            rows.append((f"righting arm GZ at {heel:.0f} deg [m]", *arms))
+    print_table(("at rest", *found), rows)
+    for h in found.values():
+        if h.sinks:
+            print(f"{h.name} sinks: its relative density is {h.relative_density:.4g}")
+
+
+def text(value: float | None) -> str:
+    """Five digits; round-off is 0."""
+    if value is None:
+        return "-"
+    return "0" if abs(value) < 1e-7 else f"{value:.5g}"
+
+
+def draw(scene: Scene, found: dict[str, Hydrostatics], path: Path) -> None:
+    """Righting arms, and each hull at rest from behind and from the side, with the water."""
+    import matplotlib
+
+    matplotlib.use("Agg")  # needs no screen
+    from matplotlib import pyplot
+
+    hulls = resting_corners(scene)
+    size = (12, 3.6 * max(len(hulls), 1))
+    figure, axes = pyplot.subplots(max(len(hulls), 1), 3, figsize=size, squeeze=False)
+    for (curve, behind, side), (name, corners) in zip(axes, hulls.items(), strict=False):
+        draw_arms(curve, found[name])
+        draw_hull(behind, -corners[:, :, 1], corners[:, :, 2], "from behind: to starboard [m]")
+        draw_hull(side, corners[:, :, 0], corners[:, :, 2], "from starboard: ahead [m]")
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
+def draw_arms(axes: Any, found: Hydrostatics) -> None:
+    heels, arms = np.transpose(found.gz)
+    axes.plot(heels, arms, color="#1f5a8a", label="GZ")
+    axes.plot(heels, found.gmt_m * np.radians(heels), ":", color="#888888", label="GMt x heel")
+    axes.axhline(0.0, color="black", linewidth=0.6)
+    margin = 0.15 * np.ptp([*arms, 0.0])
+    axes.set_ylim(min(arms.min(), 0.0) - margin, max(arms.max(), 0.0) + margin)
+    axes.set(xlabel="heel [deg]", ylabel="righting arm [m]", title=found.name)
+    axes.legend()
+
+
+def draw_hull(axes: Any, across: NDArray, up: NDArray, label: str) -> None:
+    """A hull's triangles, seen along an axis: (F, 3) [m] to the right and up."""
+    from matplotlib.collections import PolyCollection
+
+    triangles, colour = np.stack([across, up], axis=2), "#c8a868"
+    axes.add_collection(PolyCollection(triangles, facecolors=colour, edgecolors=colour, lw=0.3))
+    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    margin = 0.15 * max(high - low)
+    axes.axhspan(low[1] - margin, 0.0, color="#3f86c0", alpha=0.45, linewidth=0.0, zorder=3)
+    axes.set_xlim(low[0] - margin, high[0] + margin)
+    axes.set_ylim(low[1] - margin, high[1] + margin)
+    axes.set_aspect("equal")
+    axes.set(xlabel=label, ylabel="z [m]")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse_arguments(arguments)
+    try:
+        with compiling_notice(quiet=False):
+            scene = Scene.load(options.scene)
+        check_writable(options.json)
+        check_drawable(options.figure)
+        found = hydrostatics(scene)
+    except (ValueError, OSError) as error:
+        print(f"hydrostatics.py: {error}", file=sys.stderr)
+        return UNUSABLE_INPUT
+    print_report(found)
+    try:
+        bodies = {name: asdict(h) for name, h in found.items()}
+        write_json(options.json, {"scene": scene.name, "bodies": bodies})
+        if options.figure is not None:
+            draw(scene, found, options.figure)
+    except OSError as error:
+        print(f"hydrostatics.py: {error}", file=sys.stderr)
+        return UNWRITABLE
+    return 0
+
+
+if __name__ == "__main__":
+    run_script(main)

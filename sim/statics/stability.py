@@ -1,0 +1,47 @@
+"""Stability: the righting arm of a body that is held at a heel, free to sink and to trim."""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.geometry import rotation_about
+from sim.statics.equilibrium import RigidFloat, rest
+
+Array = NDArray[np.float64]
+
+HEEL_STEP = 5.0
+"""Degrees between the heels of a curve."""
+
+BISECTIONS = 30
+"""Halvings of an interval of heels: 5 degrees to 5e-9."""
+
+
+def righting_arm(body: RigidFloat, at_rest: Array, heel: float) -> float:
+    """Righting arm GZ [m] at a heel [rad] to starboard from the rotation (3, 3) at rest: the moment
+    about the horizontal axis along the bow that turns the body back, over its weight.
+
+    at_rest has the bow (the body's x axis) in the world's plane of x and z.
+    """
+    heeled = rotation_about(np.array([heel, 0.0, 0.0])) @ at_rest
+    attitude = rest(body, heeled, axes="y")
+    return -float(body.pull(body.wetted(attitude))[1]) / body.weight
+
+
+def righting_arms(body: RigidFloat, at_rest: Array, up_to: float = 90.0) -> Array:
+    """Heels [deg] in steps of HEEL_STEP from 0, and righting arms [m] there: (N, 2)."""
+    heels = np.arange(0.0, up_to + 0.5 * HEEL_STEP, HEEL_STEP)
+    return np.array([(h, righting_arm(body, at_rest, np.radians(h))) for h in heels])
+
+
+def vanishing_angle(body: RigidFloat, at_rest: Array, arms: Array) -> float | None:
+    """Heel [deg] at which the righting arm that was positive becomes negative, known to lie where
+    the arms (N, 2) change their sign; None where it does nowhere in them."""
+    for (low, before), (high, after) in pairwise(arms):
+        if before > 0.0 >= after:
+            for _ in range(BISECTIONS):
+                middle = 0.5 * (low + high)
+                stays = righting_arm(body, at_rest, np.radians(middle)) > 0.0
+                low, high = (middle, high) if stays else (low, middle)
+            return float(0.5 * (low + high))
+    return None

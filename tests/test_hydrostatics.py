@@ -1,0 +1,265 @@
+"""Hydrostatics against closed forms, and against the methods and the motion of the same bodies."""
+
+import json
+
+import hydrostatics as script
+import make_scenes
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from scenes import model
+
+from independent import DENSITY, GRAVITY, MODELS, load_mesh, random_rotation
+from sim import Hull, Hydrostatics, Linear, Scene, Sea, hydrostatics, simulate
+from sim.geometry import rotation_about
+from sim.statics.equilibrium import Attitude, RigidFloat, _moved, rest
+from sim.statics.stability import righting_arms, vanishing_angle
+
+ROUND_OFF = 1e-9
+"""Relative: equilibria are found to 1e-11 of the weight."""
+
+
+BOX = """<body name="box"><freejoint/><body/>
+  <geom name="box" type="box" size="1 0.5 0.2" density="512.5"/></body>"""
+
+
+def box_body(length: float, breadth: float, height: float, density: float) -> RigidFloat:
+    mesh = trimesh.creation.box(extents=(length, breadth, height))
+    mass = DENSITY * density * length * breadth * height
+    return RigidFloat(mesh.vertices[mesh.faces], mass, DENSITY, GRAVITY)
+
+
+def of_box(size: str, density: float, more: str = "", option: str = "") -> Hydrostatics:
+    body = (
+        f'<body name="box"><freejoint/><geom name="box" type="box" size="{size}" '
+        f'density="{density * DENSITY}"/></body>'
+    )
+    return hydrostatics(Scene.from_model(model(body, ("box",), more, option)))["box"]
+
+
+def bunny_body(relative_density: float = 0.5) -> RigidFloat:
+    mesh = load_mesh("bunny")
+    mass = DENSITY * relative_density * mesh.volume
+    return RigidFloat(mesh.vertices[mesh.faces] - mesh.center_mass, mass, DENSITY, GRAVITY)
+
+
+def test_a_box_barge_is_the_textbooks():
+    found = of_box("1 0.5 0.2", 0.6)
+    expected = {
+        "mass_kg": 0.48 * DENSITY, "volume_m3": 0.8, "relative_density": 0.6, "draught_m": 0.24,
+        "displacement_m3": 0.48, "kb_m": 0.12, "kg_m": 0.2, "bmt_m": 1.0 / 12.0 / 0.24,
+        "bml_m": 4.0 / 12.0 / 0.24, "gmt_m": 0.2672222222222, "waterplane_m2": 2.0,
+        "wetted_m2": 2.0 + 0.24 * 6.0, "lwl_m": 2.0, "bwl_m": 1.0, "cb": 1.0, "cwp": 1.0,
+        "heave_period_s": 0.98276795, "roll_period_s": 1.207, "height_m": -0.04,
+    }  # fmt: skip
+    for key, value in expected.items():
+        tolerance = 5e-4 if key == "roll_period_s" else 1e-8  # digits given
+        assert getattr(found, key) == pytest.approx(value, rel=tolerance), key
+    for key in ("heel_deg", "trim_deg", "lcb_m", "tcb_m", "lcf_m", "tcf_m"):
+        assert getattr(found, key) == pytest.approx(0.0, abs=ROUND_OFF), key
+    stiffness = np.array(found.stiffness)
+    weight = found.mass_kg * GRAVITY
+    expected = np.diag(
+        [0, 0, 2.0 * DENSITY * GRAVITY, weight * found.gmt_m, weight * found.gml_m, 0]
+    )
+    np.testing.assert_allclose(stiffness, expected, atol=ROUND_OFF * weight)
+
+
+@pytest.mark.parametrize(
+    ("density", "heel"),
+    [(0.22, 13.67), (0.23, 19.49), (0.24, 23.49), (0.26, 29.63), (0.27, 33.69), (0.28, 41.19)],
+)
+def test_square_bars_rest_at_their_known_heel(density, heel):
+    """From upright, which is an equilibrium that does not stay."""
+    found = of_box("5 0.5 0.5", density)
+    assert abs(found.heel_deg) == pytest.approx(heel, abs=0.005)  # digits given
+    assert found.trim_deg == pytest.approx(0.0, abs=1e-6)
+    assert found.gmt_m > 0.0
+
+
+def test_righting_arms_of_a_box_are_the_wall_sided_formulas():
+    """GZ = sin(heel) (GM + BM tan^2(heel) / 2) until the deck's edge or the bilge gets to the
+    surface."""
+    found = of_box("1 0.5 0.2", 0.6)
+    for heel, arm in found.gz:
+        t = np.tan(np.radians(heel)) if heel < 17.0 else None
+        if t is not None:
+            wall_sided = np.sin(np.radians(heel)) * (found.gmt_m + 0.5 * found.bmt_m * t * t)
+            assert arm == pytest.approx(wall_sided, abs=1e-9)
+    assert [heel for heel, _ in found.gz] == list(range(0, 95, 5))
+    deep = box_body(2.0, 1.0, 1.0, 0.5)  # its edge gets wet at 45 degrees
+    arms = righting_arms(deep, np.eye(3))
+    bm, gm = 1.0 / 12.0 / 0.5, 1.0 / 12.0 / 0.5 - 0.25
+    for heel, arm in arms[arms[:, 0] < 45.0]:
+        t = np.radians(heel)
+        assert arm == pytest.approx(np.sin(t) * (gm + 0.5 * bm * np.tan(t) ** 2), abs=1e-9)
+
+
+def test_a_box_comes_back_up_to_its_vanishing_angle():
+    """A light, flat box on its edge, at 90 degrees, is as far from one rest as from the other."""
+    found = of_box("1 0.5 0.2", 0.5)
+    assert found.vanishing_deg == pytest.approx(90.0, abs=1e-6)
+    low = box_body(4.0, 1.0, 0.5, 0.5)
+    keel = RigidFloat(low.corners + [0.0, 0.0, 0.3], low.mass, low.density, low.gravity)
+    arms = righting_arms(keel, np.eye(3), 175.0)
+    assert vanishing_angle(keel, np.eye(3), arms) is None  # a weight that deep always rights it
+
+
+def test_gradient_and_stiffness_are_the_derivatives_of_the_energy():
+    body, rng, step = bunny_body(), np.random.default_rng(4), 1e-5
+    for _ in range(5):
+        attitude = Attitude(rng.uniform(-0.1, 0.1) * body.size, random_rotation(rng))
+        wetted = body.wetted(attitude)
+        pulls, forces = [], []
+        for i in range(3):
+            ahead, back = (
+                _moved(attitude, [0, 1, 2], sign * step * np.eye(3)[i]) for sign in (1.0, -1.0)
+            )
+            energies = [body.energy(a, body.wetted(a)) for a in (ahead, back)]
+            forces.append(-(energies[0] - energies[1]) / (2.0 * step))
+            pulls.append(
+                -(body.pull(body.wetted(ahead)) - body.pull(body.wetted(back))) / (2 * step)
+            )
+        scale, differences = body.weight * body.size, 1e-6
+        np.testing.assert_allclose(forces, body.pull(wetted), atol=differences * scale)
+        stiffness = body.stiffness(attitude, wetted)
+        np.testing.assert_allclose(np.array(pulls).T, stiffness, atol=1e3 * differences * scale)
+
+
+def test_the_wetted_part_pushes_as_the_methods_do():
+    hull, sea, rng = Hull.from_trimesh(load_mesh("bunny")), Sea(), np.random.default_rng(5)
+    method = Linear(hull, sea)
+    body = RigidFloat(hull.vertices[hull.faces], 1.0, DENSITY, GRAVITY)
+    for _ in range(5):
+        attitude = Attitude(rng.uniform(-0.2, 0.2), random_rotation(rng))
+        force = method.wrench([0.0, 0.0, attitude.height], attitude.rotation, 0.0)
+        pull = body.pull(body.wetted(attitude)) + [body.weight, 0.0, 0.0]
+        np.testing.assert_allclose(pull, force[2:5], atol=1e-10 * DENSITY * GRAVITY * hull.volume)
+
+
+def test_rest_is_found_from_any_way_up():
+    """Always an equilibrium that stays, whichever way up the bunny is let go."""
+    body, rng = bunny_body(), np.random.default_rng(6)
+    for _ in range(20):
+        attitude = rest(body, random_rotation(rng))
+        wetted = body.wetted(attitude)
+        assert np.abs(body.pull(wetted)).max() < ROUND_OFF * body.weight * body.size
+        assert np.linalg.eigvalsh(body.stiffness(attitude, wetted)).min() > -1e-9 * body.weight
+
+
+def test_a_body_that_is_let_go_comes_to_rest_where_hydrostatics_says():
+    """The bunny in flat water, with drag, by MuJoCo."""
+    body = """<body name="bunny"><freejoint/><geom name="bunny" type="mesh" mesh="bunny"
+      density="500"/></body>"""
+    custom = '<numeric name="drag" data="0.5 2 0.01"/>'
+    asset = f"""<asset><mesh name="bunny" inertia="exact"
+      file="{MODELS / "meshes" / "bunny.obj"}"/></asset>"""
+    scene = Scene.from_model(model(body, ("bunny",), custom, asset))
+    found = hydrostatics(scene, with_gz=False)["bunny"]
+    for _ in simulate(scene, 60.0, 1.0):
+        pass
+    up = scene.data.xmat[1].reshape(3, 3)[2]
+    turned = np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0)))
+    still_rocking = 0.2
+    assert turned == pytest.approx(found.tilt_from_start_deg, abs=still_rocking)
+    assert scene.data.qpos[2] == pytest.approx(found.height_m, abs=1e-3)
+
+
+def test_the_wigley_hull_converges_to_its_closed_form():
+    vertices, faces = make_scenes.wigley(96)
+    scene = Scene.load(MODELS / "wigley.xml")
+    coarse = hydrostatics(scene, with_gz=False)["wigley"]
+    draught, mass = 0.625, DENSITY * 10.0 * 0.625 * 4.0 / 9.0
+    body = RigidFloat(np.asarray(vertices)[faces] + [0.0, 0.0, 0.2], mass, DENSITY, GRAVITY)
+    attitude = rest(body, np.eye(3))
+    wetted = body.wetted(attitude)
+    gmt, gml = np.diag(body.stiffness(attitude, wetted))[1:] / body.weight
+    heave = 2.0 * np.pi * np.sqrt(mass / (DENSITY * GRAVITY * wetted.waterplane))
+    facets = 1e-3
+    assert attitude.height == pytest.approx(-0.2, abs=facets * draught)
+    assert gmt == pytest.approx(0.1028, rel=facets)
+    assert gml == pytest.approx(11.966, rel=facets)
+    assert heave == pytest.approx(1.2949, rel=facets)
+    coarse_facets = 0.008
+    known = {"gmt_m": 0.1028, "gml_m": 11.966, "heave_period_s": 1.2949, "roll_period_s": 2.503,
+             "pitch_period_s": 1.4498}  # fmt: skip
+    for key, value in known.items():
+        assert getattr(coarse, key) == pytest.approx(value, rel=coarse_facets), key
+
+
+def test_periods_are_those_of_the_motion_with_added_mass():
+    """A box released a little off its draught, and its added mass doubled."""
+    custom = '<numeric name="added_mass" data="0 0 0.8 0 0 0"/>'
+    scene = Scene.from_model(model(BOX, ("box",), custom, '<option timestep="0.002"/>'))
+    found = hydrostatics(scene, with_gz=False)["box"]
+    share = found.submerged_fraction
+    expected = 2.0 * np.pi * np.sqrt((1.0 + 0.8) * found.draught_m / GRAVITY)
+    assert share == pytest.approx(0.5)
+    assert found.heave_period_s == pytest.approx(expected, rel=1e-9)
+    scene.data.qpos[2] = found.height_m + 1e-4
+    heights = np.array([s.positions[0, 2] for s in simulate(scene, 6.0, 500.0)]) - found.height_m
+    falling = np.flatnonzero((heights[:-1] > 0.0) & (heights[1:] <= 0.0))
+    period = np.diff(falling)[0] / 500.0
+    samples_apart = 0.003
+    assert period == pytest.approx(found.heave_period_s, abs=samples_apart)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+def test_at_the_largest_timestep_an_oscillation_begins_to_grow(integrator):
+    option = f'<option integrator="{integrator}"/>'
+    found = of_box("1 0.5 0.2", 0.5, option=option)
+    for factor, grows in ((0.97, False), (1.03, True)):
+        scene = Scene.from_model(
+            model(BOX, ("box",), "", option), timestep=factor * found.largest_timestep_s
+        )
+        scene.data.qpos[:] = 0, 0, found.height_m + 1e-6, 1, 1e-6, 1e-6, 0
+        largest = 0.0
+        with scene.buoyancy.installed():
+            while largest < 1e-4 and scene.data.time < 400 * scene.model.opt.timestep:
+                mujoco.mj_step(scene.model, scene.data)
+                turned = np.abs(scene.data.qpos[4:6]).max()
+                largest = max(turned, abs(scene.data.qpos[2] - found.height_m))
+        assert (largest >= 1e-4) == grows, factor
+
+
+def test_a_tree_is_one_body_and_what_sinks_has_no_rest():
+    found = hydrostatics(Scene.load(MODELS / "articulated.xml"))
+    assert set(found) == {"fore"}
+    assert found["fore"].mass_kg == pytest.approx(864.0)
+    stone = of_box("1 1 1", 2.5)
+    assert stone.sinks
+    assert stone.draught_m is None
+    assert stone.gz is None
+
+
+def test_heel_is_to_starboard_and_trim_bow_down():
+    """A weight to port and ahead of the middle of a box."""
+    body = """<body name="box"><freejoint/><geom name="box" type="box" size="1 0.5 0.2"
+      density="500"/><geom type="sphere" size="0.05" pos="0.3 0.05 0.2" mass="20"/></body>"""
+    found = hydrostatics(Scene.from_model(model(body, ("box",))), with_gz=False)["box"]
+    assert found.trim_deg > 0.1
+    assert found.heel_deg < -0.1
+    assert found.lcb_m > 0.0
+    assert found.tcb_m > 0.0
+    turned = rotation_about(np.radians([0.0, found.trim_deg, 0.0])) @ rotation_about(
+        np.radians([found.heel_deg, 0.0, 0.0])
+    )
+    assert np.degrees(np.arccos(turned[2, 2])) == pytest.approx(found.tilt_from_start_deg, abs=1e-6)
+
+
+def test_the_script_prints_draws_and_writes(tmp_path, capsys):
+    files = tmp_path / "trio.json", tmp_path / "trio.png"
+    given = [str(MODELS / "articulated.xml"), "--json", str(files[0]), "--figure", str(files[1])]
+    assert script.main(given) == 0
+    printed = capsys.readouterr().out
+    assert "metacentric height GMt [m]" in printed
+    bodies = json.loads(files[0].read_text())["bodies"]
+    asked = (
+        "mass_kg volume_m3 relative_density draught_m heel_deg trim_deg displacement_m3 kb_m bmt_m "
+        "bml_m kg_m gmt_m gml_m waterplane_m2 wetted_m2 heave_period_s roll_period_s "
+        "pitch_period_s largest_timestep_s vanishing_deg gz"
+    )
+    assert set(asked.split()) <= set(bodies["fore"])
+    assert files[1].read_bytes().startswith(b"\x89PNG")
+    assert script.main([str(tmp_path / "none.xml")]) == 2
