@@ -6,6 +6,7 @@ order or to keep says for how long: with `stop_signals`, or with `interruptible`
 """
 
 import argparse
+import importlib.util
 import json
 import os
 import signal
@@ -13,7 +14,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
 from time import monotonic
@@ -114,7 +114,7 @@ def check_writable(path: Path | None) -> None:
 
 def check_drawable(path: Path | None) -> None:
     """The same for a figure. Raises ValueError where matplotlib is missing."""
-    if path is not None and find_spec("matplotlib") is None:
+    if path is not None and importlib.util.find_spec("matplotlib") is None:
         raise ValueError(
             "--figure needs matplotlib, which is not installed; run: pip install '.[report]'"
         )

@@ -7,6 +7,7 @@ reads this map and keeps it so):
     coupling/                 MuJoCo: an MJCF file as a scene, the callback, the stepping loop
     methods/, resistance/     (hull, sea, pose, time) -> wrench of the water; drag, added mass
     statics/                  how a body rests in still water, and what brings it back
+    meshes/                   surfaces as files have them: what is wrong, repair, unions
     hull, triangle, water/    closed surfaces; the wrench of one triangle; waves and pressure
     geometry                  areas, volumes, rotations of triangles and bodies
     addresses                 arrays, functions and counters at places in memory
@@ -21,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from sim.coupling.buoyancy import Buoyancy
 from sim.coupling.divergence import DivergenceError
+from sim.coupling.faults import ModelError, Note
 from sim.coupling.hydrostatics import Hydrostatics, hydrostatics
 from sim.coupling.scene import Scene
 from sim.coupling.simulation import Sample, Tally, observe, simulate
@@ -52,6 +54,8 @@ __all__ = [
     "Hull",
     "Hydrostatics",
     "Linear",
+    "ModelError",
+    "Note",
     "Patches",
     "Recorder",
     "Reference",

@@ -129,7 +129,7 @@ def _check_edges(faces: NDArray[np.int64]) -> None:
     if open_edges:
         raise ValueError(
             f"the surface is not closed: {open_edges} of {len(count)} edges have only one face; "
-            "fill the holes (for example with pymeshfix)"
+            "look at it with `python scripts/check_hull.py FILE`, which mends it with --repair"
         )
     crowded = int(np.count_nonzero(count > 2))
     if crowded:
@@ -149,6 +149,13 @@ def _check_edges(faces: NDArray[np.int64]) -> None:
 def _middle(vertices: Array) -> Array:
     """Middle (3,) of the bounds: cones from there lose little to round-off."""
     return 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+
+
+def closed_parts(vertices: Array, faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """The connected shells of a surface, as faces (F, 3) each; vertices at a place are one."""
+    _, group = np.unique(vertices + 0.0, axis=0, return_inverse=True)
+    label = _parts(np.ravel(group)[faces], len(vertices))
+    return [faces[label == part] for part in np.unique(label)]
 
 
 def _parts(faces: NDArray[np.int64], vertex_count: int) -> NDArray[np.int64]:
@@ -182,7 +189,8 @@ def _turned_outward(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int
     if inward < len(names):
         raise ValueError(
             f"{inward} of {len(names)} closed parts of the surface face inward; turn them outward "
-            "(a cavity that water cannot enter is not part of the hull: remove it)"
+            "(a cavity that water cannot enter is not part of the hull: remove it), for example "
+            "with `python scripts/check_hull.py FILE --repair OUT`"
         )
     warnings.warn(
         f"the hull faced inward (signed volume {volume.sum():.4g} m^3) and was turned outward",

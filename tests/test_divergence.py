@@ -163,10 +163,15 @@ LIGHT = """
     ("body", "option", "message"),
     [
         (LIGHT.format('gravcomp="1"', 0.1), "", "gravcomp takes 1 of its weight away"),
-        (LIGHT.format("", 0.1), '<flag gravity="disable"/>', "gravity is switched off by a flag"),
         (LIGHT.format("", 1500.0), "", "e+03 m long: if its mesh is in other units"),
     ],
 )
 def test_more_causes_are_named(body, option, message):
     option = f'<option timestep="0.002">{option}</option>'
     assert message in broken(Scene.from_model(model(body, ("ball",), option=option)))
+
+
+def test_gravity_that_is_switched_off_later_is_named():
+    scene = Scene.from_model(model(LIGHT.format("", 0.1), ("ball",)))
+    scene.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    assert "gravity is switched off by a flag" in broken(scene)

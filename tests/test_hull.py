@@ -106,7 +106,7 @@ MESH_WITH_CAVITY = _with_cavity()
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ((BOX.vertices, BOX.faces[1:]), "not closed: 3 of 18 edges.*fill"),
+        ((BOX.vertices, BOX.faces[1:]), "not closed: 3 of 18 edges.*check_hull.py.*--repair"),
         ((BOX.vertices, np.vstack([BOX.faces, BOX.faces[:1]])), "3 of 18 edges have more than two"),
         (_touching_along_an_edge(), "1 of 35 edges have more than two"),
         (_one_face_turned(), "winding is inconsistent: 3 of 18"),

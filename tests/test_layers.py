@@ -18,7 +18,8 @@ TIERS = [
 
 OUTSIDE = {
     "mujoco": {"coupling", "drawing", "measure"},
-    "trimesh": {"coupling", "measure"},
+    "trimesh": {"coupling", "measure", "meshes"},
+    "manifold3d": {"meshes"},
     "rerun": {"drawing"},
     "numba": {"kernels", "addresses"},
     "llvmlite": {"addresses"},

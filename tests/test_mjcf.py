@@ -201,9 +201,10 @@ REFUSALS = {
         "tuple 'buoyants' is unknown; expected buoyant",
     ),
     "not a geom": (
-        dict(buoyant=(), extra='<custom><tuple name="buoyant"><element objtype="body" '
-             'objname="cube"/></tuple></custom>'),
-        "lists 'cube', which is not a geom",
+        dict(bodies=CUBE.replace("</body>", '<site name="cube"/></body>'), buoyant=(),
+             extra='<custom><tuple name="buoyant"><element objtype="site" objname="cube"/></tuple>'
+             "</custom>"),
+        "lists 'cube', which is neither a geom nor a body",
     ),
     "unknown method": (
         dict(custom='<text name="buoyancy_method" data="magic"/>'),

@@ -19,8 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling import callback, native
+from sim.coupling.checks import check_solver
 from sim.coupling.context import Context, probes_of
-from sim.coupling.mjcf import FloatingGeom, check_solver, read_model
+from sim.coupling.floats import FloatingGeom, body_label
+from sim.coupling.mjcf import read_model
 from sim.methods import Batch, Linear, Patches, Place
 from sim.water.sea import Sea
 
@@ -31,6 +33,9 @@ MADE_FROM = (
     "geom_size", "mesh_vert", "mesh_face",
 )  # fmt: skip
 """Fields of a model that seas and hulls are made from."""
+
+PLACES = ("geom_pos", "geom_quat")
+"""The same where hulls were united."""
 
 
 FINE = 2000
@@ -86,11 +91,13 @@ class Buoyancy:
         self.has_resistance = any(f.drag for f in self.floats)
         self._geoms = np.array([f.geom for f in self.floats])
         self._rows = np.array([f.body for f in self.floats])
+        self._displaced = np.array([f.displaced for f in self.floats])
         self._batches = _batches(self.floats, _whole(threads))
         self._probes = probes_of(model, self.floats)
         self._making = RLock()
+        fields = MADE_FROM + (PLACES if any(f.united for f in self.floats) else ())
         self._made_from = {
-            name: (getattr(model, name), bytes(getattr(model, name))) for name in MADE_FROM
+            name: (getattr(model, name), bytes(getattr(model, name))) for name in fields
         }
 
     @classmethod
@@ -106,13 +113,14 @@ class Buoyancy:
         the pressure, if it names one: "patches/hydrostatic"), `tolerance` [m of water height] for
         the methods that take one, `threads` and `pressure`. Raises ValueError that names the
         element at fault."""
+        model = getattr(model, "ptr", model)  # dm_control's wrapper
         sea, floats, asked = read_model(model, method, tolerance, pressure)
         return cls(model, sea, floats, asked if threads is None else threads)
 
     @property
     def body_names(self) -> tuple[str, ...]:
         """Names of `bodies`; 'body <id>' for one without a name."""
-        return tuple(self.model.body(b).name or f"body {b}" for b in self.bodies)
+        return tuple(body_label(self.model, b) for b in self.bodies)
 
     @property
     def takes_tolerance(self) -> bool:
@@ -212,7 +220,7 @@ class Buoyancy:
         `data`: the vertical force that hydrostatic pressure would have, over density * gravity."""
         sea = self.sea
         if sea.pressure == "hydrostatic" or not sea.waves:
-            lifts = self._pushed(self.model, data)[:, 2]
+            lifts = self._pushed(self.model, data)[:, 2] / self._displaced
         else:
             lifts = self._computed(self._still_batches, self.model, data)[:, 2]
         return lifts / (sea.density * sea.gravity)
@@ -326,11 +334,11 @@ def _whole(threads: float) -> int:
 
 
 def _batches(floats: Sequence[FloatingGeom], threads: int) -> list[Batch]:
-    """The floats in batches, one for each class of methods."""
-    by_class: dict[type, list[tuple[int, FloatingGeom]]] = {}
+    """The floats in batches, one for each class of methods and each sea."""
+    alike: dict[tuple[type, int], list[tuple[int, FloatingGeom]]] = {}
     for i, f in enumerate(floats):
-        by_class.setdefault(type(f.method), []).append((i, f))
+        alike.setdefault((type(f.method), id(f.method.sea)), []).append((i, f))
     return [
         kind.batch([f.method for _, f in members], [Place(f.geom, i) for i, f in members], threads)
-        for kind, members in by_class.items()
+        for (kind, _), members in alike.items()
     ]

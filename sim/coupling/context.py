@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling import native
-from sim.coupling.custom_fields import elements_of
+from sim.coupling.custom_fields import elements_of, prefixes
+from sim.coupling.floats import FloatingGeom, moving_dofs
 from sim.coupling.layout import offsets
-from sim.coupling.mjcf import FloatingGeom, moving_dofs
 from sim.kernels import packed
 from sim.methods.method import NativePart
 from sim.resistance.drag import SURFACE
@@ -203,17 +203,22 @@ def _probed(
     """Field, first byte and number of bytes of what a context depends on."""
     yield "structure", 0, offsets()["narena"]
     for f in floats:
-        yield "geom_size", 24 * f.geom, 24
-        yield "geom_dataid", 4 * f.geom, 4
-    meshes = {int(model.geom_dataid[f.geom]) for f in floats} - {-1}
+        for geom in f.geoms:
+            yield "geom_size", 24 * geom, 24
+            yield "geom_dataid", 4 * geom, 4
+        for geom in f.united:
+            yield "geom_pos", 24 * geom, 24
+            yield "geom_quat", 32 * geom, 32
+    meshes = {int(model.geom_dataid[geom]) for f in floats for geom in f.geoms} - {-1}
     for mesh in sorted(meshes):
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
         for vertex in np.unique(np.linspace(0, count - 1, PROBED_VERTICES).astype(int)):
             yield "mesh_vert", 12 * (first + int(vertex)), 12
     kinds = mujoco.mjtObj
-    for i, _ in elements_of(model, kinds.mjOBJ_NUMERIC, model.nnumeric):
-        yield "numeric_data", 8 * int(model.numeric_adr[i]), 8 * int(model.numeric_size[i])
-    for i, _ in elements_of(model, kinds.mjOBJ_TEXT, model.ntext):
-        yield "text_data", int(model.text_adr[i]), int(model.text_size[i])
-    for i, _ in elements_of(model, kinds.mjOBJ_TUPLE, model.ntuple):
-        yield "tuple_objid", 4 * int(model.tuple_adr[i]), 4 * int(model.tuple_size[i])
+    for prefix in prefixes(model):
+        for i, _ in elements_of(model, kinds.mjOBJ_NUMERIC, prefix):
+            yield "numeric_data", 8 * int(model.numeric_adr[i]), 8 * int(model.numeric_size[i])
+        for i, _ in elements_of(model, kinds.mjOBJ_TEXT, prefix):
+            yield "text_data", int(model.text_adr[i]), int(model.text_size[i])
+        for i, _ in elements_of(model, kinds.mjOBJ_TUPLE, prefix):
+            yield "tuple_objid", 4 * int(model.tuple_adr[i]), 4 * int(model.tuple_size[i])

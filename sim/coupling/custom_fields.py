@@ -11,9 +11,11 @@
     text    buoyancy_method_<geom>    the same for one geom
     numeric buoyancy_tolerance        m of water height, for methods that take one
     numeric buoyancy_threads          threads that share the hulls   (1)
+    numeric buoyancy_union            0: hulls of one body that overlap stay apart   (1)
+    numeric displaced_<geom>          the volume that it displaces, over that of its hull   (1)
     numeric chord_samples             points of a chord, for the method chord
     numeric drag                      linear, form, friction                   (see resistance/drag)
-    numeric drag_<geom>               the same for one geom
+    numeric drag_<geom>               the same for one geom, or for a body and what hangs on it
     numeric drag_angular              1/s, decay of the angular momentum
     numeric drag_angular_<geom>       the same for one geom
     numeric added_mass                6 coefficients or a 6 x 6 matrix         (see resistance/drag)
@@ -21,9 +23,13 @@
     numeric damping                   N s/m and N m s along and about the axes of the body's
                                       inertial frame, or a 6 x 6 matrix, relative to the water
     numeric damping_<geom>            the same for one geom
-    tuple   buoyant                   the geoms whose surface is a hull
+    tuple   buoyant                   the geoms whose surface is a hull; a body stands for all geoms
+                                      of its subtree that collide, or all if none does
 
-A name that begins as ours do and is none of these is a typing error, and refused.
+<geom> is a geom's name, or a body's, for all its subtree; the nearest holds. A geom without a name
+is called '<body>/geom <n>', the first of a body 0. A name that begins as ours do and is none of
+these is a typing error, and refused. Where MjSpec.attach put a prefix before the names of a model,
+its tuple, settings and waves are taken as its own.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -34,10 +40,25 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.coupling.faults import Faults
+
 Array = NDArray[np.float64]
 
-OWN_PREFIXES = ("water", "wave", "sea_", "buoyan", "chord_", "drag_", "added_mass", "damping")
+OWN_PREFIXES = (
+    "water",
+    "wave",
+    "sea_",
+    "buoyan",
+    "chord_",
+    "drag_",
+    "added_mass",
+    "damping",
+    "displaced",
+)
 """Custom elements that begin so are ours: one we do not know is a typing error, not ignored."""
+
+BUOYANT = "buoyant"
+"""The tuple that names what floats."""
 
 IRREGULAR_SEA = "sea_jonswap"
 
@@ -48,13 +69,32 @@ PRESSURE = "water_pressure"
 """The text that names the pressure under waves."""
 
 
+def custom_names(model: mujoco.MjModel, kind: mujoco.mjtObj) -> list[str]:
+    """Names of all custom elements of one kind, by their index; "" for one without."""
+    count = {
+        mujoco.mjtObj.mjOBJ_NUMERIC: model.nnumeric,
+        mujoco.mjtObj.mjOBJ_TEXT: model.ntext,
+        mujoco.mjtObj.mjOBJ_TUPLE: model.ntuple,
+    }[kind]
+    return [mujoco.mj_id2name(model, kind, i) or "" for i in range(count)]
+
+
+def prefixes(model: mujoco.MjModel) -> list[str]:
+    """What stands before the names of each model that was attached and floats; "" for the model's
+    own, which comes first."""
+    names = custom_names(model, mujoco.mjtObj.mjOBJ_TUPLE)
+    attached = [n.removesuffix(BUOYANT) for n in names if n.endswith(BUOYANT) and n != BUOYANT]
+    return ["", *attached]
+
+
 def elements_of(
-    model: mujoco.MjModel, kind: mujoco.mjtObj, count: int
+    model: mujoco.MjModel, kind: mujoco.mjtObj, prefix: str = ""
 ) -> Iterator[tuple[int, str]]:
-    """Index and name of the custom elements of one kind that are ours."""
-    for i in range(count):
-        name = mujoco.mj_id2name(model, kind, i) or ""
-        if name.startswith(OWN_PREFIXES) or name == "drag":
+    """Index and name, behind a prefix, of the custom elements of one kind that are ours."""
+    for i, whole in enumerate(custom_names(model, kind)):
+        name = whole.removeprefix(prefix)
+        is_ours = name.startswith(OWN_PREFIXES) or name == "drag"
+        if whole.startswith(prefix) and is_ours:
             yield i, name
 
 
@@ -83,6 +123,8 @@ NUMERICS = {
     ),
     "buoyancy_tolerance": NumericKind((1,), "m of water height"),
     "buoyancy_threads": NumericKind((1,), "threads that share the hulls"),
+    "buoyancy_union": NumericKind((1,), "1, or 0 to leave overlapping hulls alone"),
+    "displaced": NumericKind((1,), "displaced volume over the hull's", per_geom=True),
     "chord_samples": NumericKind((1,), "points of a chord"),
     "drag_angular": NumericKind((1,), "1/s", per_geom=True),
     "drag": NumericKind((3,), "linear, form, friction", per_geom=True),
@@ -107,55 +149,67 @@ def base_of(name: str) -> str | None:
     return None
 
 
-def numerics_of(model: mujoco.MjModel) -> dict[str, Array]:
-    """Our numerics by name. Raises ValueError for one that is unknown or has another size."""
+def numerics_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str, Array]:
+    """Our numerics by name; those that are unknown or have another size are faults."""
     found = {}
-    for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_NUMERIC, model.nnumeric):
-        kind = _numeric_kind(name)
-        if kind is None:
-            known = [b + "[_<geom>]" * k.per_geom for b, k in NUMERICS.items()]
-            refuse_unknown("numeric", name, f"{', '.join(known)} or wave_<name>")
-        values = np.array(model.numeric(i).data)
-        if values.size not in kind.sizes:
-            several = len(kind.sizes) > 2
-            expected = (" to " if several else " or ").join(
-                map(str, (kind.sizes[0], kind.sizes[-1]) if several else kind.sizes)
-            )
-            raise ValueError(
-                f"custom numeric '{name}' has {values.size} number{'s' * (values.size != 1)}; "
-                f"expected {expected}: {kind.meaning}"
-            )
-        found[name] = values
+    for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_NUMERIC, prefix):
+        with faults.collected():
+            values = np.array(model.numeric(i).data)
+            _check_numeric(name, values.size)
+            found[name] = values
     return found
 
 
-def texts_of(model: mujoco.MjModel) -> dict[str, str]:
-    """Our texts by name. Raises ValueError for one that is unknown."""
-    found = {}
-    for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_TEXT, model.ntext):
-        if name not in (METHOD, PRESSURE) and not name.startswith(f"{METHOD}_"):
-            refuse_unknown(
-                "text", name, "water_pressure, buoyancy_method or buoyancy_method_<geom>"
-            )
-        start = model.text_adr[i]
-        raw = bytes(model.text_data[start : start + model.text_size[i]])
-        found[name] = raw.split(b"\0")[0].decode().strip()
-    return found
-
-
-def check_geoms(kind: str, names: Iterable[str], geoms: Sequence[str]) -> None:
-    """Refuse elements of a kind that are the own ones of other geoms than these."""
-    for name in names:
-        base = METHOD if name.startswith(METHOD) else base_of(name)
-        if base in (None, name) or name.removeprefix(f"{base}_") in geoms:
-            continue
+def _check_numeric(name: str, size: int) -> None:
+    kind = _numeric_kind(name)
+    if kind is None:
+        known = [b + "[_<geom>]" * k.per_geom for b, k in NUMERICS.items()]
+        refuse_unknown("numeric", name, f"{', '.join(known)} or wave_<name>")
+    if size not in kind.sizes:
+        several = len(kind.sizes) > 2
+        expected = (" to " if several else " or ").join(
+            map(str, (kind.sizes[0], kind.sizes[-1]) if several else kind.sizes)
+        )
         raise ValueError(
-            f"custom {kind} '{name}' names no geom of the tuple 'buoyant' "
-            f"(which has {', '.join(geoms)}); correct the name or list the geom"
+            f"custom numeric '{name}' has {size} number{'s' * (size != 1)}; "
+            f"expected {expected}: {kind.meaning}"
         )
 
 
-def of_geom(base: str, geom: str, found: Mapping[str, Any]) -> str:
-    """The name of the element that holds for a geom: its own if there is one, else the scene's."""
-    own = f"{base}_{geom}"
-    return own if own in found else base
+def texts_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str, str]:
+    """Our texts by name; those that are unknown are faults."""
+    found = {}
+    for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_TEXT, prefix):
+        with faults.collected():
+            if name not in (METHOD, PRESSURE) and not name.startswith(f"{METHOD}_"):
+                refuse_unknown(
+                    "text", name, "water_pressure, buoyancy_method or buoyancy_method_<geom>"
+                )
+            start = model.text_adr[i]
+            raw = bytes(model.text_data[start : start + model.text_size[i]])
+            found[name] = raw.split(b"\0")[0].decode().strip()
+    return found
+
+
+def check_geoms(
+    kind: str, names: Iterable[str], geoms: Sequence[Sequence[str]], faults: Faults
+) -> None:
+    """Elements of a kind that are the own ones of none of these geoms, each with its names, are
+    faults."""
+    known = set().union(*geoms)
+    for name in names:
+        base = METHOD if name.startswith(METHOD) else base_of(name)
+        if base in (None, name) or name.removeprefix(f"{base}_") in known:
+            continue
+        with faults.collected():
+            raise ValueError(
+                f"custom {kind} '{name}' names no geom of the tuple 'buoyant' "
+                f"(which has {', '.join(own[0] for own in geoms)}); correct the name or list the "
+                "geom"
+            )
+
+
+def of_geom(base: str, names: Sequence[str], found: Mapping[str, Any]) -> str:
+    """The name of the element that holds for a geom with these names: the first that there is,
+    else the scene's."""
+    return next((f"{base}_{n}" for n in names if f"{base}_{n}" in found), base)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling import callback
-from sim.coupling.mjcf import FloatingGeom
+from sim.coupling.floats import FloatingGeom
 from sim.coupling.scene import Scene
 from sim.geometry import areas, cone_centroid, cone_moments, cone_volumes, inertia_of
 from sim.hull import Hull
@@ -130,7 +130,8 @@ def body_energies(scene: Scene) -> Array:
         lows, highs = depths - rises.min(axis=1), depths - rises.max(axis=1)
         shares = np.clip(lows / (lows - highs), 0.0, 1.0)
         pushed = shares**2 * (depths - ups @ hull.centroid - np.minimum(highs, 0.0))
-        np.add.at(energies, bodies, sea.density * sea.gravity * hull.volume * pushed)
+        volumes = hull.volume * np.array([f.displaced for f in floats])
+        np.add.at(energies, bodies, sea.density * sea.gravity * volumes * pushed)
     return energies
 
 
@@ -246,7 +247,7 @@ def _cannot_float(scene: Scene, body: int) -> str:
     mass = float(scene.model.body_subtreemass[scene.model.body_rootid[body]])
     root = scene.model.body_rootid[body]
     hulls = [f for f in scene.buoyancy.floats if scene.model.body_rootid[f.body] == root]
-    displaced = scene.buoyancy.sea.density * sum(f.method.hull.volume for f in hulls)
+    displaced = scene.buoyancy.sea.density * sum(f.displaced * f.method.hull.volume for f in hulls)
     if not hulls or mass <= displaced:
         return ""
     return f"it cannot float: it has {mass:.4g} kg and displaces at most {displaced:.4g} kg"

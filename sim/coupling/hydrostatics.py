@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coupling.mjcf import FloatingGeom
+from sim.coupling.floats import FloatingGeom, body_label
 from sim.coupling.scene import Scene
 from sim.geometry import moved_matrix
 from sim.statics.equilibrium import Attitude, RigidFloat, rest
@@ -142,9 +142,9 @@ def trees(scene: Scene) -> Iterator[Tree]:
         ]
         body = RigidFloat(
             np.concatenate(corners) @ rotation, float(model.body_subtreemass[root]), sea.density,
-            sea.gravity,
+            sea.gravity, np.repeat([f.displaced for f in floats], list(map(len, corners))),
         )  # fmt: skip
-        name = model.body(root).name or f"body {root}"
+        name = body_label(model, root)
         inertia = _inertia(model, data, root, centre)
         yield Tree(root, name, tuple(floats), centre, inertia, body, rotation)
 

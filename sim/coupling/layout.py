@@ -15,7 +15,7 @@ from sim.kernels import record
 OPTIONS = ("timestep", "gravity")
 MODEL = (
     "narena", "signature", "M_rownnz", "M_rowadr", "body_inertia", "geom_size", "geom_dataid",
-    "mesh_vert", "numeric_data", "text_data", "tuple_objid",
+    "geom_pos", "geom_quat", "mesh_vert", "numeric_data", "text_data", "tuple_objid",
 )  # fmt: skip
 DATA = (
     "time", "qvel", "xfrc_applied", "xipos", "ximat", "geom_xpos", "geom_xmat", "subtree_com",

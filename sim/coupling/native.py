@@ -45,10 +45,12 @@ from sim.water.gerstner import WATER, WAVE
 Array = NDArray[np.float64]
 
 FIELDS = (
-    "structure", "geom_size", "geom_dataid", "mesh_vert", "numeric_data", "text_data", "tuple_objid"
+    "structure", "geom_size", "geom_dataid", "geom_pos", "geom_quat", "mesh_vert", "numeric_data",
+    "text_data", "tuple_objid",
 )  # fmt: skip
 """What hulls, waves and settings are made from: a model in which one of these changed is refused.
-The structure is all sizes that a model has."""
+The structure is all sizes that a model has; places and rotations only those of geoms whose hulls
+are one."""
 
 CONTEXT = record(
     model="i8", signature="i8", bodies="i8", geoms="i8", freedoms="i8", matrix="i8", hulls="i8",

@@ -11,7 +11,10 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from sim.coupling.floats import geom_label
+from sim.geometry import areas, cone_volumes
 from sim.hull import Hull
+from sim.meshes.union import outer_surface
 
 Array = NDArray[np.float64]
 GeomType = mujoco.mjtGeom
@@ -20,30 +23,73 @@ SPHERE_SUBDIVISIONS = 3
 """Of an icosahedron: 1280 faces. The surface lies within 0.3 % of the radius from the true one;
 one more divides that by four and makes four times the faces."""
 
+OFF_CENTRE = 1e-3
+"""Of a mesh's extents: a centre of mass so far from the volume's is not that of the volume."""
+
 ROUND_SECTIONS = 64
 """Sides of a cylinder and a capsule: within 0.15 % of the radius from the true surface."""
 
 
-def geom_hull(model: mujoco.MjModel, geom: int) -> Hull:
-    """Hull of a geom, in its own frame."""
+def geom_hull(model: mujoco.MjModel, geom: int) -> tuple[Hull, list[str]]:
+    """Hull of a geom, in its own frame, and what is to be said about it. Raises ValueError."""
     kind = GeomType(int(model.geom_type[geom]))
-    label = f"geom '{model.geom(geom).name}'"
-    if kind == GeomType.mjGEOM_MESH:
-        mesh_id = int(model.geom_dataid[geom])
-        vertices, faces = _mesh_surface(model, mesh_id)
-        label += f" (mesh '{model.mesh(mesh_id).name}')"
-    elif kind in PRIMITIVES:
-        mesh = PRIMITIVES[kind](np.array(model.geom_size[geom]))
-        vertices, faces = mesh.vertices, mesh.faces
-    else:
-        raise ValueError(
-            f"{label} is a {kind.name.removeprefix('mjGEOM_').lower()}, which has no closed "
-            "surface; use a mesh, box, sphere, capsule, cylinder or ellipsoid"
-        )
+    label = f"geom '{geom_label(model, geom)}'"
     try:
-        return Hull(vertices, faces)
+        if kind == GeomType.mjGEOM_MESH:
+            mesh = int(model.geom_dataid[geom])
+            label += f" (mesh '{model.mesh(mesh).name}')"
+            return _mesh_hull(model, mesh, label)
+        if kind in PRIMITIVES:
+            made = PRIMITIVES[kind](np.array(model.geom_size[geom]))
+            return Hull(made.vertices, made.faces), []
     except ValueError as error:
         raise ValueError(f"{label}: {error}") from None
+    raise ValueError(
+        f"{label} is a {kind.name.removeprefix('mjGEOM_').lower()}, which has no closed "
+        "surface; use a mesh, box, sphere, capsule, cylinder or ellipsoid"
+    )
+
+
+def _mesh_hull(model: mujoco.MjModel, mesh: int, label: str) -> tuple[Hull, list[str]]:
+    """Hull of a mesh asset, shells in shells counted once."""
+    hull, twice, cavities = outer_surface(*_mesh_surface(model, mesh))
+    notes = []
+    if twice > 0.0:
+        notes.append(
+            f"{label}: its shells overlap and are one hull: by themselves they would count "
+            f"{100.0 * twice / hull.volume:.2g} % of its volume twice"
+        )
+    if cavities:
+        notes.append(
+            f"{label}: {cavities} of its shells lie inside and face inward: cavities that stay dry"
+        )
+    if inexact := _inexact_inertia(hull):
+        notes.append(f"{label}: {inexact}")
+    return hull, notes
+
+
+def _inexact_inertia(hull: Hull) -> str:
+    """What is to be said where MuJoCo did not put a mesh's frame at its centre of volume, and so
+    did not compute its mass from its volume either; "" where it did.
+
+    Its default takes the volumes of pyramids from a middle as all positive, which overstates what
+    is not convex.
+    """
+    size = float(np.ptp(hull.bounds, axis=0).max())
+    if np.linalg.norm(hull.centroid) <= OFF_CENTRE * size:
+        return ""
+    corners = hull.vertices[hull.faces]
+    sizes = areas(corners)
+    middle = sizes @ corners.mean(axis=1) / sizes.sum()
+    volumes = np.abs(cone_volumes(corners - middle))
+    overstated = 100.0 * (volumes.sum() / hull.volume - 1.0)
+    mass = (
+        f", and its mass {overstated:.2g} % above" if overstated > 0.1 else ", and its mass is off"
+    )
+    return (
+        f"MuJoCo's centre of mass is {np.linalg.norm(hull.centroid):.2g} m from that of the volume"
+        f'{mass}; give the mesh asset inertia="exact" (or the body an inertial of its own)'
+    )
 
 
 def geom_in_inertial_frame(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
@@ -71,42 +117,45 @@ def _mesh_surface(model: mujoco.MjModel, mesh: int) -> tuple[Array, NDArray[np.i
 
 
 def _box(size: Array) -> trimesh.Trimesh:
-    return trimesh.creation.box(extents=2.0 * size)
+    return _stretched(trimesh.creation.box(extents=(2.0, 2.0, 2.0)), size)
 
 
 def _ellipsoid(semi_axes: Array) -> trimesh.Trimesh:
     mesh = trimesh.creation.icosphere(subdivisions=SPHERE_SUBDIVISIONS)
     true_volume = 4.0 / 3.0 * np.pi
     mesh.apply_scale((true_volume / mesh.volume) ** (1.0 / 3.0))
-    mesh.vertices = mesh.vertices * semi_axes
-    return mesh
+    return _stretched(mesh, semi_axes)
 
 
 def _sphere(size: Array) -> trimesh.Trimesh:
     return _ellipsoid(np.full(3, size[0]))
 
 
-def _widened(mesh: trimesh.Trimesh, true_volume: float) -> trimesh.Trimesh:
-    """Scale across the z axis until the faceted volume is the true one."""
-    widening = np.sqrt(true_volume / mesh.volume)
-    mesh.vertices = mesh.vertices * [widening, widening, 1.0]
-    return mesh
-
-
 def _cylinder(size: Array) -> trimesh.Trimesh:
-    radius, half_length = size[:2]
-    mesh = trimesh.creation.cylinder(
-        radius=radius, height=2.0 * half_length, sections=ROUND_SECTIONS
-    )
-    return _widened(mesh, 2.0 * np.pi * radius**2 * half_length)
+    mesh = trimesh.creation.cylinder(radius=1.0, height=2.0, sections=ROUND_SECTIONS)
+    return _stretched(_widened(mesh, 2.0 * np.pi), size[[0, 0, 1]])
 
 
 def _capsule(size: Array) -> trimesh.Trimesh:
     radius, half_length = size[:2]
-    mesh = trimesh.creation.capsule(
-        radius=radius, height=2.0 * half_length, count=(ROUND_SECTIONS // 2, ROUND_SECTIONS)
-    )
-    return _widened(mesh, np.pi * radius**2 * (2.0 * half_length + 4.0 / 3.0 * radius))
+    count = ROUND_SECTIONS // 2, ROUND_SECTIONS
+    mesh = trimesh.creation.capsule(radius=1.0, height=2.0, count=count)
+    ratio = half_length / radius
+    beyond = np.maximum(np.abs(mesh.vertices[:, 2]) - 1.0, 0.0)
+    middle = np.clip(mesh.vertices[:, 2], -1.0, 1.0)
+    mesh.vertices[:, 2] = middle * ratio + np.sign(middle) * beyond
+    return _stretched(_widened(mesh, np.pi * (2.0 * ratio + 4.0 / 3.0)), np.full(3, radius))
+
+
+def _widened(mesh: trimesh.Trimesh, true_volume: float) -> trimesh.Trimesh:
+    """Scale across the z axis until the faceted volume is the true one."""
+    widening = np.sqrt(true_volume / mesh.volume)
+    return _stretched(mesh, np.array([widening, widening, 1.0]))
+
+
+def _stretched(mesh: trimesh.Trimesh, factors: Array) -> trimesh.Trimesh:
+    """Scale along the axes: shapes are made at unit size, where trimesh's tolerances hold."""
+    return trimesh.Trimesh(mesh.vertices * factors, mesh.faces, process=False)
 
 
 PRIMITIVES: dict[GeomType, Callable[[Array], trimesh.Trimesh]] = {

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from sim.coupling.buoyancy import Buoyancy
+from sim.coupling.faults import ModelError
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class Scene:
             raise ValueError(f"{path}: MuJoCo cannot compile it: {reason}") from None
         try:
             return cls.from_model(model, path.stem, method, tolerance, timestep, threads, pressure)
+        except ModelError as error:
+            raise error.located(str(path)) from None
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
 

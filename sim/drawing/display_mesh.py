@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling.buoyancy import Buoyancy
-from sim.coupling.mjcf import FloatingGeom
+from sim.coupling.floats import FloatingGeom
 from sim.coupling.simulation import Sample
 from sim.drawing.waterline_curves import faces_across
 from sim.geometry import rotation_matrix

@@ -29,7 +29,8 @@ def potential_energy(scene: Scene) -> float:
         integral = np.select(
             [wet.all(axis=1), wet.sum(axis=1) == 1, cut], [whole, corner, whole - corner], 0.0
         )
-        total -= sea.density * sea.gravity * 0.5 * float(integral / 6.0 @ (hull.area_vectors @ up))
+        displaced = f.displaced * sea.density * sea.gravity
+        total -= 0.5 * displaced * float(integral / 6.0 @ (hull.area_vectors @ up))
     return total
 
 

@@ -47,12 +47,14 @@ class Attitude(NamedTuple):
 @dataclass(frozen=True)
 class RigidFloat:
     """A body as hydrostatics sees it: corners (F, 3, 3) [m] of its hulls' triangles about its
-    centre of mass, its mass [kg], the water's density [kg/m^3] and gravity [m/s^2]."""
+    centre of mass, its mass [kg], the water's density [kg/m^3] and gravity [m/s^2]; displaced (F,):
+    the volume that each triangle's hull displaces, over that which it encloses."""
 
     corners: Array
     mass: float
     density: float
     gravity: float
+    displaced: Array | float = 1.0
 
     @cached_property
     def size(self) -> float:
@@ -61,8 +63,8 @@ class RigidFloat:
 
     @cached_property
     def volume(self) -> float:
-        """Of the whole hulls [m^3]."""
-        return wetted_part(self.corners - [0.0, 0.0, 2.0 * self.size]).volume
+        """That the whole hulls displace [m^3]."""
+        return wetted_part(self.corners - [0.0, 0.0, 2.0 * self.size], self.displaced).volume
 
     @property
     def weight(self) -> float:
@@ -71,7 +73,7 @@ class RigidFloat:
     def wetted(self, attitude: Attitude) -> Wetted:
         """What is under water, in world axes below the centre of mass, z from the level."""
         placed = self.corners @ attitude.rotation.T
-        return wetted_part(placed + [0.0, 0.0, attitude.height])
+        return wetted_part(placed + [0.0, 0.0, attitude.height], self.displaced)
 
     def stiffness(self, attitude: Attitude, wetted: Wetted) -> Array:
         """Hydrostatic stiffness (3, 3) [N/m, N, N m] in heave and in rotations about the world's x

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sim.geometry import area_vectors, cone_volumes
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -37,11 +38,15 @@ class Wetted:
         return self.moment / self.volume if self.volume > 0.0 else np.zeros(3)
 
 
-def wetted_part(corners: Array) -> Wetted:
-    """The Wetted of a closed surface of triangles, corners (F, 3, 3) [m], outward, z up from the
-    water's level."""
-    below = clipped(corners)
-    volumes, vectors = cone_volumes(below), area_vectors(below)
+def wetted_part(corners: Array, displaced: Array | float = 1.0) -> Wetted:
+    """The Wetted of closed surfaces of triangles, corners (F, 3, 3) [m], outward, z up from the
+    water's level. displaced (F,): over the volume that they enclose, the same for all of a surface.
+    """
+    below, which = clipped(corners)
+    share = displaced if np.isscalar(displaced) else displaced[which]
+    vectors = area_vectors(below)
+    surface = float(np.linalg.norm(vectors, axis=1).sum())
+    volumes, vectors = share * cone_volumes(below), np.reshape(share, (-1, 1)) * vectors
     down, places = -vectors[:, 2], below[:, :, :2]
     sums = places.sum(axis=1)
     squares = np.einsum("f,fci,fcj->ij", down, places, places, optimize=True)
@@ -49,18 +54,18 @@ def wetted_part(corners: Array) -> Wetted:
     return Wetted(
         float(volumes.sum()),
         volumes @ below.sum(axis=1) / 4.0,
-        float(np.linalg.norm(vectors, axis=1).sum()),
+        surface,
         float(down.sum()),
         down @ sums / 3.0,
         squares / 12.0,
     )
 
 
-def clipped(corners: Array) -> Array:
-    """The triangles (F, 3, 3) cut off at z = 0, those below."""
+def clipped(corners: Array) -> tuple[Array, Indices]:
+    """The triangles (F, 3, 3) cut off at z = 0, those below, and which (F,) they are from."""
     wet = corners[:, :, 2] < 0.0
     count = wet.sum(axis=1)
-    pieces = [corners[count == 3]]
+    pieces, which = [corners[count == 3]], [np.flatnonzero(count == n) for n in (3, 1, 2, 2)]
     for alone in (1, 2):
         cut, is_wet = corners[count == alone], wet[count == alone]
         lone = (is_wet if alone == 1 else ~is_wet).argmax(axis=1)  # the corner on its own side
@@ -71,7 +76,7 @@ def clipped(corners: Array) -> Array:
             pieces.append(np.stack([a, ab, ac], axis=1))
         else:
             pieces += [np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)]
-    return np.concatenate(pieces)
+    return np.concatenate(pieces), np.concatenate(which)
 
 
 def _crossing(a: Array, b: Array) -> Array:

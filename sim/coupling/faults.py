@@ -1,0 +1,53 @@
+"""Faults and notes: what a model cannot have, all of it at once, and what is worth knowing."""
+
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+
+class Note(UserWarning):
+    """What a user of a scene would want to know before the first step, and is no fault. A class of
+    its own, so that `warnings` can silence it or make it an error."""
+
+
+class ModelError(ValueError):
+    """A model that cannot float as it is; faults: what is wrong, a line each."""
+
+    def __init__(self, faults: Iterable[str]) -> None:
+        self.faults = tuple(faults)
+        super().__init__("\n".join(self.faults))
+
+    def __reduce__(self) -> tuple[type, tuple[tuple[str, ...]]]:
+        return type(self), (self.faults,)
+
+    def located(self, where: str) -> "ModelError":
+        """The same with the place before each fault."""
+        return ModelError(f"{where}: {fault}" for fault in self.faults)
+
+
+class Faults:
+    """Faults as they are found."""
+
+    def __init__(self) -> None:
+        self.found: list[str] = []
+
+    @contextmanager
+    def collected(self) -> Iterator[None]:
+        """Go on after a block that raises ValueError, which is kept, each only once."""
+        try:
+            yield
+        except ValueError as error:
+            for fault in getattr(error, "faults", (str(error),)):
+                if fault not in self.found:
+                    self.found.append(fault)
+
+    def refuse(self) -> None:
+        """Raise ModelError if there are any."""
+        if self.found:
+            raise ModelError(self.found)
+
+
+def say(notes: Iterable[str]) -> None:
+    """Warn of each as a Note."""
+    for note in notes:
+        warnings.warn(note, Note, stacklevel=4)

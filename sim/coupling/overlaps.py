@@ -1,0 +1,133 @@
+"""Overlaps: hulls that share some water with others, which must not count twice."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.coupling.drag_fields import DragFields
+from sim.coupling.primitives import frame_rotation
+from sim.hull import Hull
+from sim.meshes.union import overlapping, shared_volume, united
+
+Array = NDArray[np.float64]
+
+MENTIONED = 3
+"""Pairs of overlapping hulls that are named; the others are counted."""
+
+NOTED = 1e-4
+"""Part of the smaller of two hulls from which on what they share is worth a note."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A hull in the frame of the first of the geoms that it is made from, and what a model says of
+    it: its name, who says which method it has and which, its drag, the share of its volume that it
+    displaces, and the prefix of the names of its part of the model."""
+
+    geoms: tuple[int, ...]
+    name: str
+    hull: Hull
+    source: str
+    method: str
+    drag: DragFields
+    displaced: float
+    prefix: str
+
+    @property
+    def settings(self) -> tuple[object, ...]:
+        """What hulls that are to become one must agree in."""
+        return self.method, self.drag.key, self.displaced, self.prefix
+
+
+def united_shapes(model: mujoco.MjModel, shapes: Sequence[Shape]) -> tuple[list[Shape], list[str]]:
+    """The shapes with those that overlap on one body, and agree in all settings, made one; and
+    what is to be said about that."""
+    alike: dict[tuple[object, ...], list[Shape]] = {}
+    for shape in shapes:
+        body = int(model.geom_bodyid[shape.geoms[0]])
+        alike.setdefault((body, *shape.settings), []).append(shape)
+    found, notes = [], []
+    for members in alike.values():
+        placed = [_moved(shape.hull, *_in_body(model, shape.geoms[0])) for shape in members]
+        for group in overlapping(np.array([hull.bounds for hull in placed])):
+            one = united([placed[i] for i in group])
+            if one is None:
+                found += [members[i] for i in group]
+                continue
+            hull, twice = one
+            place, turn = _in_body(model, members[group[0]].geoms[0])
+            own = Hull((hull.vertices - place) @ turn, hull.faces)
+            name = " + ".join(members[i].name for i in group)
+            geoms = tuple(g for i in group for g in members[i].geoms)
+            found.append(replace(members[group[0]], geoms=geoms, name=name, hull=own))
+            notes.append(
+                f"{_many([members[i].name for i in group])} overlap and are one hull: by "
+                f"themselves they would count {_share(twice, hull.volume)} of its volume twice "
+                "(numeric 'buoyancy_union' 0 leaves them alone)"
+            )
+    order = {g: i for i, shape in enumerate(shapes) for g in shape.geoms}
+    return sorted(found, key=lambda shape: order[shape.geoms[0]]), notes
+
+
+def notes_of_overlaps(model: mujoco.MjModel, shapes: Sequence[Shape]) -> list[str]:
+    """What is to be said of hulls that overlap where the model's first state has them."""
+    if len(shapes) < 2:
+        return []
+    pairs = list(_overlaps(model, shapes))
+    if not pairs:
+        return []
+    named = [
+        f"{_many([a.name, b.name])} ({_share(v, min(a.hull.volume, b.hull.volume))} of the smaller)"
+        for a, b, v in pairs[:MENTIONED]
+    ]
+    more = f" and {len(pairs) - MENTIONED} more pairs" if len(pairs) > MENTIONED else ""
+    return [
+        f"hulls overlap and count that water twice: {', '.join(named)}{more}; move them apart, or "
+        "give those of one body the same settings, then they are united"
+    ]
+
+
+def _overlaps(
+    model: mujoco.MjModel, shapes: Sequence[Shape]
+) -> Iterator[tuple[Shape, Shape, float]]:
+    """Pairs of shapes with the volume [m^3] that they share at the start."""
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_kinematics(model, data)
+    placed = [
+        _moved(s.hull, data.geom_xpos[g], data.geom_xmat[g].reshape(3, 3))
+        for s, g in ((shape, shape.geoms[0]) for shape in shapes)
+    ]
+    for group in overlapping(np.array([hull.bounds for hull in placed])):
+        for i, j in combinations(group, 2):
+            a, b = placed[i].bounds, placed[j].bounds
+            if (a[0] < b[1]).all() and (b[0] < a[1]).all():
+                shared = shared_volume(placed[i], placed[j])
+                if shared > NOTED * min(placed[i].volume, placed[j].volume):
+                    yield shapes[i], shapes[j], shared
+
+
+def _in_body(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
+    """Place (3,) [m] and rotation (3, 3) of a geom on its body."""
+    return model.geom_pos[geom], frame_rotation(model.geom_quat[geom])
+
+
+def _moved(hull: Hull, place: Array, turn: Array) -> Hull:
+    return Hull(hull.vertices @ turn.T + place, hull.faces)
+
+
+def _many(names: Sequence[str]) -> str:
+    """Names in a row; of many the first ones."""
+    shown = [f"'{name}'" for name in names[:MENTIONED]]
+    if len(names) > MENTIONED:
+        return f"{', '.join(shown)} and {len(names) - MENTIONED} more"
+    return " and ".join(shown)
+
+
+def _share(part: float, whole: float) -> str:
+    return f"{100.0 * part / whole:.2g} %"
