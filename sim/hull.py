@@ -45,7 +45,9 @@ class Hull:
         vertices, faces = _checked_arrays(vertices, faces)
         vertices, faces = _merged(vertices, faces)
         _check_edges(faces)
-        faces = _turned_outward(vertices, faces)
+        self._set(vertices, _turned_outward(vertices, faces))
+
+    def _set(self, vertices: Array, faces: NDArray[np.int64]) -> None:
         middle = _middle(vertices)
         corners = (vertices - middle)[faces]
         volumes = cone_volumes(corners)
@@ -66,6 +68,12 @@ class Hull:
     def from_trimesh(cls, mesh: Any) -> "Hull":
         """The hull of a `trimesh.Trimesh` (or of anything with its vertices and faces)."""
         return cls(mesh.vertices, mesh.faces)
+
+    def moved(self, rotation: Array, position: Array) -> "Hull":
+        """The same, turned by a rotation (3, 3) and then put at a position (3,) [m]."""
+        hull = object.__new__(type(self))
+        hull._set(self.vertices @ rotation.T + position, self.faces)
+        return hull
 
     def __repr__(self) -> str:
         size = " x ".join(f"{side:.4g}" for side in self.bounds[1] - self.bounds[0])

@@ -74,7 +74,7 @@ def _matrix_of(
     if base == "damping":
         return damping_matrix(given)
     place, turn = geom_in_inertial_frame(model, geom)
-    matrix = added_mass_matrix(Hull(hull.vertices @ turn.T + place, hull.faces), sea.density, given)
+    matrix = added_mass_matrix(hull.moved(turn, place), sea.density, given)
     _check_room(model, int(model.geom_bodyid[geom]), matrix)
     return matrix
 

@@ -22,6 +22,7 @@ from sim.coupling.notes import notes_about
 from sim.coupling.overlaps import Shape, notes_of_overlaps, united_shapes
 from sim.coupling.primitives import geom_hull
 from sim.coupling.sea_fields import sea_of
+from sim.hull import Hull
 from sim.methods import Method, Settings, make_method
 from sim.water.sea import Sea
 
@@ -117,10 +118,14 @@ def _shapes(
     if names:
         check_geoms("text", part.texts, names, faults)
         check_geoms("numeric", part.numerics, names, faults)
+    made: dict[tuple[object, ...], Hull] = {}
     for geom, own in part.listed:
         with faults.collected():
-            hull, found = geom_hull(model, geom)
-            notes += found
+            like = int(model.geom_type[geom]), int(model.geom_dataid[geom]), *model.geom_size[geom]
+            if like not in made:
+                made[like], found = geom_hull(model, geom)
+                notes += found
+            hull = made[like]
             source, text = _method_of(own, part.texts, method)
             drag = DragFields.of(own, part.numerics)
             yield Shape(

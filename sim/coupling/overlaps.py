@@ -52,15 +52,18 @@ def united_shapes(model: mujoco.MjModel, shapes: Sequence[Shape]) -> tuple[list[
         alike.setdefault((body, *shape.settings), []).append(shape)
     found, notes = [], []
     for members in alike.values():
-        placed = [_moved(shape.hull, *_in_body(model, shape.geoms[0])) for shape in members]
+        if len(members) == 1:
+            found += members
+            continue
+        placed = [shape.hull.moved(*_on_body(model, shape.geoms[0])) for shape in members]
         for group in overlapping(np.array([hull.bounds for hull in placed])):
             one = united([placed[i] for i in group])
             if one is None:
                 found += [members[i] for i in group]
                 continue
             hull, twice = one
-            place, turn = _in_body(model, members[group[0]].geoms[0])
-            own = Hull((hull.vertices - place) @ turn, hull.faces)
+            turn, place = _on_body(model, members[group[0]].geoms[0])
+            own = hull.moved(turn.T, -turn.T @ place)
             name = " + ".join(members[i].name for i in group)
             geoms = tuple(g for i in group for g in members[i].geoms)
             found.append(replace(members[group[0]], geoms=geoms, name=name, hull=own))
@@ -100,7 +103,7 @@ def _overlaps(
         mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_kinematics(model, data)
     placed = [
-        _moved(s.hull, data.geom_xpos[g], data.geom_xmat[g].reshape(3, 3))
+        s.hull.moved(data.geom_xmat[g].reshape(3, 3), data.geom_xpos[g])
         for s, g in ((shape, shape.geoms[0]) for shape in shapes)
     ]
     for group in overlapping(np.array([hull.bounds for hull in placed])):
@@ -112,13 +115,9 @@ def _overlaps(
                     yield shapes[i], shapes[j], shared
 
 
-def _in_body(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
-    """Place (3,) [m] and rotation (3, 3) of a geom on its body."""
-    return model.geom_pos[geom], frame_rotation(model.geom_quat[geom])
-
-
-def _moved(hull: Hull, place: Array, turn: Array) -> Hull:
-    return Hull(hull.vertices @ turn.T + place, hull.faces)
+def _on_body(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
+    """Rotation (3, 3) and place (3,) [m] of a geom on its body."""
+    return frame_rotation(model.geom_quat[geom]), model.geom_pos[geom]
 
 
 def _many(names: Sequence[str]) -> str:
