@@ -4,6 +4,7 @@ By the library manifold3d, in double precision. What does not overlap is left as
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,15 @@ Indices = NDArray[np.int64]
 
 COUNTED_TWICE = 1e-6
 """Part of the volume below which surfaces touch and do not overlap."""
+
+LEVELS = 64
+"""Heights, from the top, at which an open boat's inside is looked for."""
+
+INTO_WALLS = 1e-5
+"""Part of its size by which an inside reaches into the walls around it."""
+
+SAME_HEIGHT = 1e-6
+"""Of a hull's height: a gunwale this close to a vertex is there."""
 
 
 def overlapping(bounds: Array) -> list[list[int]]:
@@ -31,9 +41,9 @@ def overlapping(bounds: Array) -> list[list[int]]:
     return [np.flatnonzero(group == g).tolist() for g in np.unique(group)]
 
 
-def united(hulls: Sequence[Hull]) -> tuple[Hull, float] | None:
+def united(hulls: Sequence[Hull], at_least: float = COUNTED_TWICE) -> tuple[Hull, float] | None:
     """Hulls, in one frame, as one, and the volume [m^3] that they count twice by themselves; None
-    where they do not overlap. Raises ValueError where manifold3d cannot unite them."""
+    where that is not even this part of theirs. Raises ValueError where manifold3d cannot."""
     import manifold3d
 
     if len(hulls) < 2:
@@ -42,11 +52,9 @@ def united(hulls: Sequence[Hull]) -> tuple[Hull, float] | None:
     whole = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
     total = sum(hull.volume for hull in hulls)
     twice = total - whole.volume()
-    if twice <= COUNTED_TWICE * total:
+    if twice <= at_least * total:
         return None
-    mesh = whole.to_mesh64()
-    hull = Hull(np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64))
-    return hull, float(twice)
+    return Hull(*_arrays(whole)), float(twice)
 
 
 def shared_volume(one: Hull, other: Hull) -> float:
@@ -54,7 +62,71 @@ def shared_volume(one: Hull, other: Hull) -> float:
     return float((_solid(one) ^ _solid(other)).volume())
 
 
-def _solid(hull: Hull) -> object:
+def decked(hull: Hull) -> tuple[Hull, float] | None:
+    """An open boat's hull with what it would hold of water up to its lowest gunwale, closed by a
+    level deck there, and that volume [m^3]; None where it holds none. z is up.
+
+    A section below the gunwale is a ring; a prism over its inside, less the hull itself, falls into
+    the inside, which reaches up to the deck, and what lies below the hull's outside.
+    """
+    import manifold3d
+
+    solid, (low, high) = _solid(hull), hull.bounds
+    level = _gunwale(solid, float(low[2]), float(high[2]))
+    if level is None:
+        return None
+    close = SAME_HEIGHT * (high[2] - low[2])
+    heights = hull.vertices[:, 2]
+    nearest = float(heights[np.argmin(np.abs(heights - level))])
+    deck = nearest if abs(nearest - level) < close else level
+    holes = [p[::-1] for p in solid.slice(level - close).to_polygons() if _is_hole(p)]
+    prism = manifold3d.CrossSection(holes).extrude(deck - low[2] + 1.0)
+    pieces = (prism.translate([0.0, 0.0, low[2] - 1.0]) - solid).decompose()
+    inside = [piece for piece in pieces if piece.bounding_box()[5] > deck - 0.5 * close]
+    wide = [_widened(piece).trim_by_plane((0.0, 0.0, -1.0), -deck) for piece in inside]
+    whole = manifold3d.Manifold.batch_boolean([solid, *wide], manifold3d.OpType.Add)
+    closed, *_ = outer_surface(*_arrays(whole))
+    return closed, closed.volume - hull.volume
+
+
+def _widened(solid: Any) -> Any:
+    """A solid made larger by INTO_WALLS about its middle, so that it does not only touch."""
+    box = np.reshape(solid.bounding_box(), (2, 3))
+    middle = 0.5 * (box[0] + box[1])
+    grown = solid.translate(-middle).scale([1.0 + INTO_WALLS] * 3)
+    return grown.translate(middle)
+
+
+def _gunwale(solid: Any, low: float, high: float) -> float | None:
+    """The greatest height [m] below which a level section has an inside; None where none has."""
+
+    def is_ring(level: float) -> bool:
+        return any(map(_is_hole, solid.slice(level).to_polygons()))
+
+    levels = np.linspace(high, low, LEVELS + 2)[1:-1]
+    below = next((level for level in levels if is_ring(level)), None)
+    if below is None:
+        return None
+    above = below + (high - low) / (LEVELS + 1)
+    for _ in range(30):
+        middle = 0.5 * (below + above)
+        below, above = (middle, above) if is_ring(middle) else (below, middle)
+    return float(below)
+
+
+def _is_hole(polygon: Array) -> bool:
+    """Whether a loop (N, 2) runs clockwise."""
+    x, y = np.asarray(polygon).T
+    return bool(x @ np.roll(y, -1) < y @ np.roll(x, -1))
+
+
+def _arrays(solid: Any) -> tuple[Array, Indices]:
+    """Vertices and faces of a manifold3d solid."""
+    mesh = solid.to_mesh64()
+    return np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64)
+
+
+def _solid(hull: Hull) -> Any:
     import manifold3d
 
     mesh = manifold3d.Mesh64(

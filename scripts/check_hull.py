@@ -1,0 +1,206 @@
+"""Say what a mesh file is as a hull, and mend it.
+
+    python scripts/check_hull.py boat.stl --scale 0.001 --repair boat.obj
+
+Reads what trimesh reads. An open boat of a closed thin shell floats as it is, with the water in it
+as high as outside: --deck closes it. Exit status: 0 where Waterline takes the hull, or the mended
+one, 1 where it does not take it as it is, 2 on unusable input and where mending failed, 4 when a
+file cannot be written.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+from command_line import (
+    UNUSABLE_INPUT,
+    UNWRITABLE,
+    Parser,
+    check_writable,
+    positive,
+    print_table,
+    run_script,
+    write_json,
+)
+
+import trimesh
+
+from sim import Hull
+from sim.meshes.repair import Repaired, repair
+from sim.meshes.survey import Survey, read_surface, survey
+from sim.meshes.union import decked
+
+NOT_AS_IT_IS = 1
+"""Exit status where Waterline refuses the hull."""
+
+OPEN_BOAT = 0.01
+"""Of a hull's volume: what holds less water than this is no boat, but dented."""
+
+WRITTEN = (".obj", ".stl", ".ply")
+"""Endings of the files that hulls are written to."""
+
+SHOWN = 7
+"""Rims that are listed; the others are counted."""
+
+
+def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
+    parser = Parser(prog="check_hull.py", description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path, metavar="FILE", help="a mesh: OBJ, STL, PLY, glTF, ...")
+    parser.add_argument("--repair", type=Path, metavar="OUT", help="mend it and write it there")
+    parser.add_argument(
+        "--scale", type=positive, default=1.0, metavar="S", help="times the file's lengths (1)"
+    )
+    parser.add_argument("--mirror", action="store_true", help="make half a hull whole")
+    parser.add_argument("--deck", action="store_true", help="close an open boat at its gunwale")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers there")
+    options = parser.parse_args(arguments)
+    if (options.mirror or options.deck) and options.repair is None:
+        parser.error("--mirror and --deck change the hull: say with --repair where to write it")
+    return options
+
+
+def check_outputs(options: argparse.Namespace) -> None:
+    """Refuse what would write over the input, or one output over another."""
+    outputs = [path for path in (options.repair, options.json) if path is not None]
+    for path in outputs:
+        if path.exists() and options.file.exists() and path.samefile(options.file):
+            raise ValueError(f"{path} is the input; give another file to write to")
+    if len(outputs) == 2 and outputs[0].resolve() == outputs[1].resolve():
+        raise ValueError(f"{outputs[0]} is given for two outputs; give two files")
+    if options.repair is not None and options.repair.suffix.lower() not in WRITTEN:
+        raise ValueError(
+            f"{options.repair}: expected a name that ends in {', '.join(WRITTEN)}, which MuJoCo "
+            "and others read"
+        )
+    if options.repair is not None and not options.repair.parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {options.repair.parent}")
+    check_writable(options.json)
+
+
+def lines_of(found: Survey) -> Iterator[tuple[str, str]]:
+    """What a survey says, title and text."""
+    yield "faces", f"{found.faces:,}"
+    doubled = f", {found.doubled_vertices:,} of them twice" if found.doubled_vertices else ""
+    yield "vertices", f"{found.vertices:,}{doubled}"
+    yield "parts", str(found.parts)
+    yield "extents", " x ".join(f"{side:.4g}" for side in found.extents) + " m"
+    yield "units", found.unit_guess
+    yield (
+        "volume",
+        f"{found.volume:.6g} m^3" + " (as its faces run, holes left open)" * bool(found.rims),
+    )
+    yield "area", f"{found.area:.6g} m^2"
+    yield "open rims", str(len(found.rims))
+    for rim in found.rims[:SHOWN]:
+        where = "({:.4g}, {:.4g}, {:.4g})".format(*rim.middle)
+        size = " x ".join(f"{side:.3g}" for side in rim.extents)
+        half = f", half a hull's: --mirror at {rim.symmetry}" if rim.symmetry else ""
+        yield "", f"{rim.edges} edges around {where}, {size} m{half}"
+    if len(found.rims) > SHOWN:
+        yield "", f"and {len(found.rims) - SHOWN} more"
+    crowded = ", ".join("({:.4g}, {:.4g}, {:.4g})".format(*p) for p in found.crowded_at[:3])
+    yield "crowded edges", f"{found.crowded_edges}" + f", at {crowded}" * bool(crowded)
+    yield "edges run along twice", str(found.twisted_edges)
+    yield "faces without area", str(found.flat_faces)
+    yield "doubled faces", str(found.doubled_faces)
+    yield "slivers", str(found.slivers)
+    yield "parts that face inward", str(found.inward_parts)
+    yield "parts within others", str(found.nested_parts)
+    yield "parts that overlap", str(found.overlapping_parts)
+    yield "faces through others", str(found.crossing_faces)
+    yield "half a hull", f"yes, --mirror at {found.half_hull}" if found.half_hull else "no"
+    if found.holds > OPEN_BOAT * max(found.volume, 0.0):
+        yield (
+            "open boat",
+            f"holds {found.holds:.4g} m^3 of water, which floods it; --deck keeps it dry",
+        )
+    yield "Waterline", found.refusal or "takes it as it is"
+
+
+def print_repair(before: Survey, repaired: Repaired, after: Survey | None) -> None:
+    for line in repaired.done:
+        print(f"- {line}")
+    if after is not None:
+        extents = [" x ".join(f"{side:.4g}" for side in s.extents) for s in (before, after)]
+        rows = [
+            ("volume m^3", f"{before.volume:.6g}", f"{after.volume:.6g}"),
+            ("area m^2", f"{before.area:.6g}", f"{after.area:.6g}"),
+            ("extents m", *extents),
+            ("parts", str(before.parts), str(after.parts)),
+            ("faces", str(before.faces), str(after.faces)),
+        ]
+        print_table(("mended", "before", "after"), rows)
+
+
+def mended(options: argparse.Namespace, before: Survey) -> Repaired:
+    """The hull of the options, repaired and decked as they ask."""
+    found = repair(*read_surface(options.file, options.scale), options.mirror)
+    if options.mirror and not before.half_hull:
+        return Repaired(
+            None, found.done, (*found.faults, "it is not half a hull: leave out --mirror")
+        )
+    if options.deck and found.hull is not None:
+        closed = decked(found.hull)
+        if closed is None:
+            return Repaired(
+                found.hull, (*found.done, "nothing to deck: it holds no water"), found.faults
+            )
+        done = (*found.done, f"decked: the {closed[1]:.4g} m^3 inside are dry now")
+        return Repaired(closed[0], done, found.faults)
+    return found
+
+
+def export(hull: Hull, path: Path) -> None:
+    """Write a hull, whole or not at all."""
+    mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
+    digits = {"digits": 10} if path.suffix.lower() == ".obj" else {}
+    data = mesh.export(file_type=path.suffix.lower().lstrip("."), **digits)
+    beside = path.with_name(f".{path.name}.part")
+    beside.write_bytes(data.encode() if isinstance(data, str) else data)
+    beside.replace(path)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse_arguments(arguments)
+    try:
+        check_outputs(options)
+        before = survey(*read_surface(options.file, options.scale))
+    except (ValueError, OSError) as error:
+        print(f"check_hull.py: {error}", file=sys.stderr)
+        return UNUSABLE_INPUT
+    print(options.file)
+    for title, text in lines_of(before):
+        print(f"  {title:<24}{text}")
+    report, status = {"file": str(options.file), "before": asdict(before)}, 0
+    try:
+        if options.repair is not None:
+            status = _repair(options, before, report)
+        elif before.refusal:
+            status = NOT_AS_IT_IS
+        write_json(options.json, report)
+    except OSError as error:
+        print(f"check_hull.py: {error}", file=sys.stderr)
+        return UNWRITABLE
+    return status
+
+
+def _repair(options: argparse.Namespace, before: Survey, report: dict[str, object]) -> int:
+    """Mend, write, and report it; returns the exit status."""
+    found = mended(options, before)
+    after = survey(found.hull.vertices, found.hull.faces) if found.hull is not None else None
+    print()
+    print_repair(before, found, after)
+    report |= {"done": found.done, "faults": found.faults, "after": after and asdict(after)}
+    for fault in found.faults:
+        print(f"check_hull.py: {options.file}: {fault}", file=sys.stderr)
+    if found.faults or found.hull is None:
+        return UNUSABLE_INPUT
+    export(found.hull, options.repair)
+    print(f"\nwritten: {options.repair}")
+    return 0
+
+
+if __name__ == "__main__":
+    run_script(main)

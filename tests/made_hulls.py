@@ -1,0 +1,122 @@
+"""Hulls as public files have them, generated: open, doubled, in millimetres, inside out."""
+
+import numpy as np
+import trimesh
+
+from sim.statics.wetted import clipped
+
+Mesh = trimesh.Trimesh
+
+
+def made(vertices, faces) -> Mesh:
+    return Mesh(np.asarray(vertices, dtype=float), np.asarray(faces), process=False)
+
+
+def box(size, at=(0.0, 0.0, 0.0)) -> Mesh:
+    mesh = trimesh.creation.box(extents=size)
+    return made(mesh.vertices + at, mesh.faces)
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    return trimesh.util.concatenate([made(m.vertices, m.faces) for m in meshes])
+
+
+def without_top(mesh: Mesh) -> Mesh:
+    """Its faces that face straight up taken away."""
+    return made(mesh.vertices, mesh.faces[mesh.face_normals[:, 2] < 0.99])
+
+
+def capsule(radius: float, length: float, sections: int = 24) -> Mesh:
+    mesh = trimesh.creation.capsule(radius=radius, height=length, count=(sections, sections))
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0]))
+    return made(mesh.vertices, mesh.faces)
+
+
+def open_catamaran() -> Mesh:
+    """Two open-decked pontoons and a frame across them."""
+    pontoons = [without_top(box([4.0, 0.4, 0.4], [0.0, y, 0.0])) for y in (-0.8, 0.8)]
+    return joined(*pontoons, box([0.1, 2.4, 0.1], [0.0, 0.0, 0.3]))
+
+
+def seven_rims() -> Mesh:
+    """A long box of eight cells with seven of their tops missing: rims that are flat."""
+    return joined(*(
+        (without_top if i else lambda m: m)(box([1.0, 1.0, 0.5], [1.5 * i, 0.0, 0.0]))
+        for i in range(8)
+    ))  # fmt: skip
+
+
+def unmerged() -> Mesh:
+    """Each face with vertices of its own, as STL has them."""
+    mesh = capsule(0.3, 2.0)
+    return made(
+        mesh.vertices[mesh.faces].reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3)
+    )
+
+
+def four_faces_at_an_edge() -> Mesh:
+    """Two boxes that touch along one edge, whose vertices are shared."""
+    both = joined(box([1.0, 1.0, 1.0]), box([1.0, 1.0, 1.0], [1.0, 1.0, 0.0]))
+    both.merge_vertices()
+    return made(both.vertices, both.faces)
+
+
+def t_junction() -> Mesh:
+    """A box one of whose sides is divided at an edge that its neighbour does not divide."""
+    mesh = box([2.0, 1.0, 1.0])
+    face = int(np.flatnonzero(mesh.face_normals[:, 2] > 0.99)[0])
+    a, b, c = mesh.faces[face]
+    lengths = [
+        np.linalg.norm(mesh.vertices[p] - mesh.vertices[q]) for p, q in ((a, b), (b, c), (c, a))
+    ]
+    i = int(np.argmin(lengths))
+    a, b, c = np.roll(mesh.faces[face], -i)
+    vertices = np.vstack([mesh.vertices, mesh.vertices[[a, b]].mean(axis=0)])
+    faces = np.vstack([np.delete(mesh.faces, face, axis=0), [[a, 8, c], [8, b, c]]])
+    return made(vertices, faces)
+
+
+def half_hull() -> Mesh:
+    """The port half of a capsule, open in the plane y = 0."""
+    mesh = capsule(0.3, 2.0)
+    swapped = mesh.vertices[mesh.faces][:, :, [0, 2, 1]] * [1.0, 1.0, -1.0]
+    half, _ = clipped(swapped)
+    vertices = (half * [1.0, 1.0, -1.0])[:, :, [0, 2, 1]].reshape(-1, 3)
+    return made(vertices, np.arange(len(vertices)).reshape(-1, 3))
+
+
+def in_millimetres() -> Mesh:
+    mesh = capsule(0.3, 2.0)
+    return made(1000.0 * mesh.vertices, mesh.faces)
+
+
+def inside_out() -> Mesh:
+    """Two parts, one of which faces inward."""
+    one = box([1.0, 1.0, 1.0], [3.0, 0.0, 0.0])
+    return joined(box([1.0, 1.0, 1.0]), made(one.vertices, one.faces[:, ::-1]))
+
+
+def drawn_twice() -> Mesh:
+    mesh = capsule(0.3, 2.0)
+    return joined(mesh, mesh)
+
+
+def open_boat(thickness: float = 0.05) -> Mesh:
+    """A closed thin shell, open on top: a tub with walls and a bottom."""
+    outer, inner = [2.0, 1.0, 0.5], [2.0 - 2 * thickness, 1.0 - 2 * thickness, 0.5]
+    tub = trimesh.boolean.difference(
+        [box(outer), box(inner, [0.0, 0.0, thickness])], engine="manifold"
+    )
+    return made(tub.vertices, tub.faces)
+
+
+VOLUMES = {
+    "open catamaran": (open_catamaran, 2 * 4.0 * 0.4 * 0.4 + 0.1 * 0.1 * 2.4),
+    "seven rims": (seven_rims, 8 * 0.5),
+    "unmerged": (unmerged, float(capsule(0.3, 2.0).volume)),
+    "four faces at an edge": (four_faces_at_an_edge, 2.0),
+    "T-junction": (t_junction, 2.0),
+    "inside out": (inside_out, 2.0),
+    "drawn twice": (drawn_twice, float(capsule(0.3, 2.0).volume)),
+}
+"""Hulls that a repair closes, and the volume [m^3] that they have then."""

@@ -1,0 +1,223 @@
+"""Surfaces as files have them: surveyed, mended with all their parts, united, decked."""
+
+import json
+import warnings
+
+import check_hull
+import made_hulls
+import numpy as np
+import pytest
+import trimesh
+from scenes import model
+
+from independent import load_mesh
+from sim import Buoyancy, Hull
+from sim.meshes.repair import repair
+from sim.meshes.survey import read_surface, survey
+from sim.meshes.union import decked, outer_surface, overlapping, united
+
+ROUND_OFF = 1e-9
+WIDENED = 1e-4  # what touches is united by reaching into it
+
+
+def of(mesh):
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+@pytest.mark.parametrize("name", made_hulls.VOLUMES)
+def test_a_repair_closes_the_hull_and_keeps_all_of_it(name):
+    make, volume = made_hulls.VOLUMES[name]
+    mesh = make()
+    found = repair(*of(mesh))
+    assert found.faults == ()
+    assert found.hull.volume == pytest.approx(volume, rel=1e-5)
+    np.testing.assert_allclose(found.hull.bounds, mesh.bounds, atol=1e-5)
+    after = survey(found.hull.vertices, found.hull.faces)
+    assert after.parts == survey(*of(mesh)).parts
+    assert after.refusal == ""
+
+
+def test_half_a_hull_is_found_and_mirrored():
+    half = survey(*of(made_hulls.half_hull()))
+    assert half.half_hull == "y"
+    whole = made_hulls.capsule(0.3, 2.0)
+    found = repair(*of(made_hulls.half_hull()), mirror=True)
+    assert found.faults == ()
+    assert found.hull.volume == pytest.approx(whole.volume, rel=ROUND_OFF)
+    capped = repair(*of(made_hulls.half_hull()))
+    assert capped.hull.volume == pytest.approx(0.5 * whole.volume, rel=ROUND_OFF)
+
+
+def test_a_survey_counts():
+    catamaran = survey(*of(made_hulls.open_catamaran()))
+    assert [rim.edges for rim in catamaran.rims] == [4, 4]
+    np.testing.assert_allclose([rim.middle[1] for rim in catamaran.rims], [-0.8, 0.8])
+    assert catamaran.parts == 3
+    assert "not closed" in catamaran.refusal
+    assert len(survey(*of(made_hulls.seven_rims())).rims) == 7
+    assert survey(*of(made_hulls.unmerged())).doubled_vertices > 2000
+    touching = survey(*of(made_hulls.four_faces_at_an_edge()))
+    assert touching.crowded_edges == 1
+    np.testing.assert_allclose(touching.crowded_at, [[0.5, 0.5, 0.0]])
+    assert survey(*of(made_hulls.inside_out())).inward_parts == 1
+    assert survey(*of(made_hulls.drawn_twice())).doubled_faces == 1152
+    assert "--scale 0.001" in survey(*of(made_hulls.in_millimetres())).unit_guess
+    bunny = survey(*of(load_mesh("bunny")))
+    assert (bunny.crossing_faces, bunny.holds, bunny.refusal) == (0, pytest.approx(0, abs=1e-3), "")
+
+
+def test_faces_that_go_through_others_are_found():
+    one, other = (made_hulls.box([2.0, 1.0, 1.0]), made_hulls.box([1.0, 0.4, 3.0]))
+    both = survey(*of(made_hulls.joined(one, other)))
+    assert both.overlapping_parts == 2
+    assert both.crossing_faces > 0
+    assert survey(*of(one)).crossing_faces == 0
+    nested = survey(*of(made_hulls.joined(one, made_hulls.box([0.5, 0.5, 0.5]))))
+    assert (nested.nested_parts, nested.overlapping_parts) == (1, 0)
+
+
+def test_a_sheet_is_a_fault_with_its_place():
+    sheet = trimesh.Trimesh([[5, 0, 0], [6, 0, 0], [6, 1, 0], [5, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    found = repair(*of(made_hulls.joined(made_hulls.box([1, 1, 1]), sheet)))
+    assert "1 of 2 parts are sheets" in found.faults[0]
+    assert "(5.5, 0.5, 0)" in found.faults[0]
+
+
+def test_an_open_boat_is_decked_at_its_lowest_gunwale():
+    thickness = 0.05
+    boat = Hull.from_trimesh(made_hulls.open_boat(thickness))
+    closed, held = decked(boat)
+    inside = (2.0 - 2 * thickness) * (1.0 - 2 * thickness) * (0.5 - thickness)
+    assert held == pytest.approx(inside, rel=WIDENED)
+    assert closed.volume == pytest.approx(1.0, rel=WIDENED)
+    assert decked(Hull.from_trimesh(made_hulls.box([1, 1, 1]))) is None
+    assert decked(closed) is None
+
+
+def test_a_flared_boat_is_decked_inside_only():
+    """Wider on top than at its bottom: a prism over its opening reaches out of the hull below."""
+
+    def tub(bottom, top, floor):
+        corners = [[sx * s, sy * s, z] for s, z in ((bottom, floor), (top, 1.0))
+                   for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]  # fmt: skip
+        return trimesh.convex.convex_hull(np.array(corners, dtype=float))
+
+    try:
+        outer, inner = tub(0.3, 1.0, 0.0), tub(0.3, 0.95, 0.1)
+    except ImportError:
+        pytest.skip("convex hulls need scipy")
+    boat = trimesh.boolean.difference([outer, inner], engine="manifold")
+    closed, held = decked(Hull.from_trimesh(boat))
+    assert held == pytest.approx(inner.volume, rel=1e-3)
+    assert closed.volume == pytest.approx(outer.volume, rel=1e-3)
+
+
+def test_what_overlaps_counts_once_and_what_does_not_stays_to_the_bit():
+    one, apart = (
+        Hull.from_trimesh(made_hulls.box([1, 1, 1])),
+        made_hulls.box([1, 1, 1], [0.5, 0, 0]),
+    )
+    both, twice = united([one, Hull.from_trimesh(apart)])
+    assert both.volume == pytest.approx(1.5, rel=ROUND_OFF)
+    assert twice == pytest.approx(0.5, rel=ROUND_OFF)
+    assert united([one, Hull.from_trimesh(made_hulls.box([1, 1, 1], [1, 0, 0]))]) is None
+    bounds = np.array([[[0, 0, 0], [1, 1, 1]], [[5, 0, 0], [6, 1, 1]], [[0.9, 0, 0], [5.1, 1, 1]],
+                       [[9, 0, 0], [10, 1, 1]]], dtype=float)  # fmt: skip
+    assert overlapping(bounds) == [[0, 1, 2], [3]]
+    bunny = load_mesh("bunny")
+    hull, twice, cavities = outer_surface(*of(bunny))
+    assert (twice, cavities) == (0.0, 0)
+    np.testing.assert_array_equal(hull.vertices, Hull.from_trimesh(bunny).vertices)
+
+
+def test_shells_in_shells_count_once_and_cavities_stay_dry():
+    outer, inner = made_hulls.box([2, 2, 2]), made_hulls.box([1, 1, 1])
+    hull, twice, cavities = outer_surface(*of(made_hulls.joined(outer, inner)))
+    assert (hull.volume, twice, cavities) == (pytest.approx(8.0), pytest.approx(1.0), 0)
+    turned = made_hulls.made(inner.vertices, inner.faces[:, ::-1])
+    hull, twice, cavities = outer_surface(*of(made_hulls.joined(outer, turned)))
+    assert (hull.volume, twice, cavities) == (pytest.approx(8.0), 0.0, 1)
+    with pytest.raises(ValueError, match="1 of 2 closed parts of the surface face inward"):
+        outer_surface(*of(made_hulls.inside_out()))
+
+
+def test_half_a_million_faces_are_surveyed_and_mended():
+    mesh = load_mesh("bunny")
+    for _ in range(3):
+        mesh = mesh.subdivide()
+    assert len(mesh.faces) > 200_000
+    middle = np.linalg.norm(mesh.triangles_center - mesh.vertices[0], axis=1)
+    found = repair(np.asarray(mesh.vertices), mesh.faces[middle > 0.02])
+    assert found.done == ("1 rims capped",)
+    assert found.faults == ()
+    assert found.hull.volume == pytest.approx(mesh.volume, rel=1e-3)
+
+
+def run(*arguments) -> int:
+    return check_hull.main([str(a) for a in arguments])
+
+
+def test_the_script_mends_and_never_writes_over_its_input(tmp_path, capsys):
+    file, out, numbers = (tmp_path / name for name in ("cat.stl", "cat.obj", "cat.json"))
+    made_hulls.open_catamaran().export(file)
+    before = file.read_bytes()
+    assert run(file) == 1
+    assert run(file, "--repair", out, "--json", numbers) == 0
+    printed = capsys.readouterr().out
+    assert "2 rims capped" in printed
+    assert "volume m^3" in printed
+    hull = Hull(*read_surface(out))
+    assert hull.volume == pytest.approx(2 * 4.0 * 0.16 + 0.024, rel=1e-6)
+    assert run(out) == 0
+    assert json.loads(numbers.read_text())["after"]["parts"] == 3
+    (tmp_path / "link.stl").symlink_to(file)
+    for target in (file, tmp_path / "link.stl"):
+        assert run(file, "--repair", target) == 2
+        assert run(file, "--json", target) == 2
+    assert file.read_bytes() == before
+    assert run(file, "--repair", out, "--json", out) == 2
+    assert run(file, "--repair", tmp_path / "cat.step") == 2
+    assert run(file, "--repair", tmp_path / "no" / "cat.obj") == 2
+    assert run(tmp_path / "none.stl") == 2
+    empty = tmp_path / "empty.obj"
+    empty.write_text("# nothing\n")
+    assert run(empty) == 2
+
+
+def test_the_script_scales_mirrors_and_decks(tmp_path, capsys):
+    file, out = tmp_path / "in.obj", tmp_path / "out.obj"
+    made_hulls.in_millimetres().export(file)
+    assert run(file, "--scale", "0.001", "--repair", out) == 0
+    assert Hull(*read_surface(out)).volume == pytest.approx(
+        made_hulls.capsule(0.3, 2).volume, rel=1e-6
+    )
+    made_hulls.half_hull().export(file)
+    assert run(file, "--repair", out, "--mirror") == 0
+    assert Hull(*read_surface(out)).volume == pytest.approx(
+        made_hulls.capsule(0.3, 2).volume, rel=1e-6
+    )
+    assert run(out, "--repair", file, "--mirror") == 2  # a whole one
+    made_hulls.open_boat().export(file)
+    assert run(file) == 0
+    assert "open boat" in capsys.readouterr().out
+    assert run(file, "--repair", out, "--deck") == 0
+    assert Hull(*read_surface(out)).volume == pytest.approx(1.0, rel=WIDENED)
+    sheet = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1, 2]])
+    sheet.export(file)
+    out.unlink()
+    assert run(file, "--repair", out) == 2
+    assert not out.exists()
+    assert "encloses a volume" in capsys.readouterr().err
+
+
+def test_a_mended_hull_floats(tmp_path):
+    """The way that the refusal of an open mesh names."""
+    file, out = tmp_path / "in.obj", tmp_path / "out.obj"
+    made_hulls.open_catamaran().export(file)
+    assert run(file, "--repair", out) == 0
+    body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" density="300"/></body>'
+    compiled = model(body, ("g",), assets=f'<mesh name="m" inertia="exact" file="{out}"/>')
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        buoyancy = Buoyancy.from_model(compiled)
+    assert buoyancy.floats[0].method.hull.volume == pytest.approx(1.304, rel=1e-6)
