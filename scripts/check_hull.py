@@ -22,6 +22,7 @@ from command_line import (
     positive,
     print_table,
     run_script,
+    say_errors,
     write_json,
 )
 
@@ -168,7 +169,7 @@ def main(arguments: list[str] | None = None) -> int:
         check_outputs(options)
         before = survey(*read_surface(options.file, options.scale))
     except (ValueError, OSError) as error:
-        print(f"check_hull.py: {error}", file=sys.stderr)
+        say_errors("check_hull.py", error)
         return UNUSABLE_INPUT
     print(options.file)
     for title, text in lines_of(before):
@@ -181,7 +182,7 @@ def main(arguments: list[str] | None = None) -> int:
             status = NOT_AS_IT_IS
         write_json(options.json, report)
     except OSError as error:
-        print(f"check_hull.py: {error}", file=sys.stderr)
+        say_errors("check_hull.py", error)
         return UNWRITABLE
     return status
 

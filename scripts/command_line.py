@@ -12,6 +12,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
@@ -73,6 +74,30 @@ def compiling_notice(quiet: bool) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+
+
+@contextmanager
+def notes_said(prog: str, quiet: bool = False) -> Iterator[None]:
+    """Say what the block warns of in one line each on stderr, the same only once."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        warnings.filterwarnings("always", category=UserWarning)
+        said: set[str] = set()
+
+        def show(message: Warning | str, *rest: object) -> None:
+            text = " ".join(str(message).split())
+            if text not in said and not quiet:
+                print(f"{prog}: note: {text}", file=sys.stderr, flush=True)
+            said.add(text)
+
+        warnings.showwarning = show
+        yield
+
+
+def say_errors(prog: str, error: Exception) -> None:
+    """An error on stderr, a line for each of its faults."""
+    for fault in getattr(error, "faults", (error,)):
+        print(f"{prog}: {fault}", file=sys.stderr)
 
 
 def progress(total: float, unit: str, quiet: bool = False) -> Any:

@@ -12,7 +12,6 @@ full, 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on di
 """
 
 import argparse
-import sys
 from collections.abc import Mapping
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict
@@ -26,11 +25,13 @@ from command_line import (
     at_least,
     check_writable,
     compiling_notice,
+    notes_said,
     positive,
     print_table,
     progress,
     run_script,
     run_to_the_end,
+    say_errors,
     stop_signals,
     write_json,
 )
@@ -87,7 +88,7 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
             f"{options.warm_up:g} s, and means need {FEWEST_BATCHES}; run longer"
         )
     twins: dict[str, Scene] = {}
-    with compiling_notice(quiet=again):
+    with compiling_notice(quiet=again), notes_said("compare.py", quiet=again):
         for text in options.methods:
             scene = Scene.load(
                 options.scene, text, timestep=options.timestep, pressure=options.pressure
@@ -283,7 +284,7 @@ def main(arguments: list[str] | None = None) -> int:
             received = stack.enter_context(stop_signals())
             recorder = None if recording is None else SideBySideRecorder(recording, twins)
         except (ValueError, OSError) as error:
-            print(f"compare.py: {error}", file=sys.stderr)
+            say_errors("compare.py", error)
             return UNUSABLE_INPUT
         timestep = next(iter(twins.values())).model.opt.timestep
         history = History(len(twins), timestep)

@@ -8,7 +8,6 @@ written.
 """
 
 import argparse
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,10 @@ from command_line import (
     check_drawable,
     check_writable,
     compiling_notice,
+    notes_said,
     print_table,
     run_script,
+    say_errors,
     write_json,
 )
 
@@ -151,13 +152,13 @@ def draw_hull(axes: Any, across: NDArray, up: NDArray, label: str) -> None:
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
-        with compiling_notice(quiet=False):
+        with compiling_notice(quiet=False), notes_said("hydrostatics.py"):
             scene = Scene.load(options.scene)
         check_writable(options.json)
         check_drawable(options.figure)
         found = hydrostatics(scene)
     except (ValueError, OSError) as error:
-        print(f"hydrostatics.py: {error}", file=sys.stderr)
+        say_errors("hydrostatics.py", error)
         return UNUSABLE_INPUT
     print_report(found)
     try:
@@ -166,7 +167,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.figure is not None:
             draw(scene, found, options.figure)
     except OSError as error:
-        print(f"hydrostatics.py: {error}", file=sys.stderr)
+        say_errors("hydrostatics.py", error)
         return UNWRITABLE
     return 0
 

@@ -21,11 +21,13 @@ from command_line import (
     at_least,
     check_writable,
     compiling_notice,
+    notes_said,
     positive,
     print_table,
     progress,
     run_script,
     run_to_the_end,
+    say_errors,
     stop_signals,
     write_json,
 )
@@ -80,7 +82,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 def load(options: argparse.Namespace) -> Scene:
     """Load the scene and compute everything once, which compiles the kernels."""
-    with compiling_notice(options.quiet):
+    with compiling_notice(options.quiet), notes_said("run.py", options.quiet):
         scene = Scene.load(
             options.scene,
             options.method,
@@ -177,7 +179,7 @@ def report(summary: dict[str, Any], options: argparse.Namespace, status: int) ->
     try:
         write_json(options.json, summary)
     except OSError as error:
-        print(f"run.py: {error}", file=sys.stderr)
+        say_errors("run.py", error)
         status = status or UNWRITABLE
     if not options.quiet:
         print_summary(summary)
@@ -196,7 +198,7 @@ def main(arguments: list[str] | None = None) -> int:
             received = stack.enter_context(stop_signals())
             recorder = open_recorder(recording, scene, options)
         except (ValueError, OSError) as error:
-            print(f"run.py: {error}", file=sys.stderr)
+            say_errors("run.py", error)
             return UNUSABLE_INPUT
         if options.tolerance is not None and not scene.buoyancy.takes_tolerance:
             print("run.py: note: none of the scene's methods takes a tolerance", file=sys.stderr)

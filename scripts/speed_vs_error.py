@@ -27,6 +27,7 @@ from command_line import (
     print_table,
     progress,
     run_script,
+    say_errors,
     write_json,
 )
 
@@ -345,7 +346,7 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:
         raise
     except (ValueError, OSError) as error:
-        print(f"speed_vs_error.py: {error}", file=sys.stderr)
+        say_errors("speed_vs_error.py", error)
         return UNUSABLE_INPUT
 
 

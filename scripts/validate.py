@@ -7,7 +7,6 @@ Exit status: 0 when all rows hold but those whose gap is known and said, 1 when 
 """
 
 import argparse
-import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,6 +20,7 @@ from command_line import (
     compiling_notice,
     print_table,
     run_script,
+    say_errors,
     write_json,
 )
 
@@ -109,7 +109,7 @@ def main(arguments: list[str] | None = None) -> int:
         check_writable(options.markdown)
         check_writable(options.json)
     except (ValueError, OSError) as error:
-        print(f"validate.py: {error}", file=sys.stderr)
+        say_errors("validate.py", error)
         return UNUSABLE_INPUT
     hull = Hull(*make_scenes.wigley())
     if options.panel_code:
@@ -125,7 +125,7 @@ def main(arguments: list[str] | None = None) -> int:
             options.markdown.write_text(markdown(found))
         write_json(options.json, found)
     except OSError as error:
-        print(f"validate.py: {error}", file=sys.stderr)
+        say_errors("validate.py", error)
         return UNWRITABLE
     return int(any(r["verdict"] != "holds" and not r["is_known_gap"] for r in found))
 

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.coupling.buoyancy import Buoyancy
 from sim.coupling.floats import FloatingGeom, body_label
-from sim.coupling.scene import Scene
 from sim.geometry import moved_matrix
 from sim.statics.equilibrium import Attitude, RigidFloat, rest
 from sim.statics.stability import righting_arms, vanishing_angle
@@ -24,6 +25,22 @@ EXPLICIT_LIMITS = {"RK4": 2.0 * np.sqrt(2.0)}
 
 EXPLICIT_LIMIT = 2.0
 """The same for all others: semi-implicit Euler's; none of them knows the water's stiffness."""
+
+
+TURNS_OVER = 30.0
+"""Degrees between start and rest from which on a note says so."""
+
+
+FAR = 4.0
+"""Sizes of a body, besides the waves' height, from which on its fall is worth a note."""
+
+
+class Afloat(Protocol):
+    """What a Scene has."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    buoyancy: Buoyancy
 
 
 @dataclass(frozen=True)
@@ -82,7 +99,7 @@ class Hydrostatics:
     added_mass: list[list[float]] | None = None
 
 
-def hydrostatics(scene: Scene, with_gz: bool = True) -> dict[str, Hydrostatics]:
+def hydrostatics(scene: Afloat, with_gz: bool = True) -> dict[str, Hydrostatics]:
     """Hydrostatics of each tree of bodies that floats, by the name of its root, from the scene's
     state: joints inside a tree stay as they are there.
 
@@ -95,7 +112,7 @@ def hydrostatics(scene: Scene, with_gz: bool = True) -> dict[str, Hydrostatics]:
     return found
 
 
-def resting_corners(scene: Scene) -> dict[str, Array]:
+def resting_corners(scene: Afloat) -> dict[str, Array]:
     """Corners (F, 3, 3) [m] of all hulls of each tree that does not sink, at rest: in the axes of
     Hydrostatics, from the point of the water's surface above or below the centre of mass."""
     found = {}
@@ -121,7 +138,7 @@ class Tree:
     rotation: Array
 
 
-def trees(scene: Scene) -> Iterator[Tree]:
+def trees(scene: Afloat) -> Iterator[Tree]:
     """The floating Trees of a scene as they stand."""
     model, sea = scene.model, scene.buoyancy.sea
     data = mujoco.MjData(model)
@@ -159,6 +176,48 @@ def _inertia(model: mujoco.MjModel, data: mujoco.MjData, root: int, centre: Arra
     return total
 
 
+def notes_about_start(scene: Afloat) -> Iterator[str]:
+    """What is to be said of bodies that are free and will not stay as they start: they sink, turn
+    over, or are let go far from the water."""
+    known: dict[tuple[bytes, float], Attitude] = {}
+    for tree in trees(scene):
+        if scene.model.jnt_type[scene.model.body_jntadr[tree.root]] != mujoco.mjtJoint.mjJNT_FREE:
+            continue
+        body = tree.body
+        if _sinks(body):
+            density = body.mass / (body.density * body.volume)
+            yield (
+                f"body '{tree.name}' will sink: it weighs {body.mass:.4g} kg and displaces at most "
+                f"{body.mass / density:.4g} kg"
+            )
+            continue
+        key = (body.corners.tobytes() + tree.rotation.tobytes(), body.mass)
+        if key not in known:
+            known[key] = _resting(tree)
+        yield from _about_start(scene, tree, known[key])
+
+
+def _about_start(scene: Afloat, tree: Tree, attitude: Attitude) -> Iterator[str]:
+    turned = _tilt(tree.rotation[2], attitude.rotation[2])
+    if turned > TURNS_OVER:
+        yield (
+            f"body '{tree.name}' will turn over: in still water it rests {turned:.0f} deg from how "
+            "it starts (python scripts/hydrostatics.py says how)"
+        )
+    above = tree.centre[2] - scene.buoyancy.sea.level - attitude.height
+    if abs(above) > FAR * tree.body.size + scene.buoyancy.sea.amplitude:
+        way = "falls" if above > 0.0 else "shoots up"
+        yield (
+            f"body '{tree.name}' starts {abs(above):.3g} m {'above' if above > 0.0 else 'below'} "
+            f"where it floats and {way} first"
+        )
+
+
+def _tilt(before: Array, now: Array) -> float:
+    """Angle [deg] between the vertical (3,) in a body's axes before and now."""
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(before, now)), before @ now)))
+
+
 def heel_and_trim(rotation: Array) -> tuple[float, float]:
     """Heel and trim [rad] of a rotation (3, 3), body -> world: first heeled about the bow, then
     trimmed about the horizontal."""
@@ -174,7 +233,7 @@ def bow_ahead(rotation: Array) -> Array:
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation
 
 
-def _of_tree(scene: Scene, tree: Tree, with_gz: bool) -> Hydrostatics:
+def _of_tree(scene: Afloat, tree: Tree, with_gz: bool) -> Hydrostatics:
     body, sinks = tree.body, _sinks(tree.body)
     known = dict(
         name=tree.name, sinks=sinks, mass_kg=body.mass, volume_m3=body.volume,
@@ -202,24 +261,21 @@ def _resting(tree: Tree) -> Attitude:
     return Attitude(found.height, bow_ahead(found.rotation))
 
 
-def _place(scene: Scene, tree: Tree, attitude: Attitude) -> dict[str, float]:
+def _place(scene: Afloat, tree: Tree, attitude: Attitude) -> dict[str, float]:
     """How the body lies."""
     heel, trim = heel_and_trim(attitude.rotation)
     ups = tree.body.corners @ attitude.rotation[2]
-    up_before, up_now = tree.rotation[2], attitude.rotation[2]
     origin = attitude.rotation @ tree.rotation.T @ (scene.data.xpos[tree.root] - tree.centre)
     return dict(
         draught_m=-float(attitude.height + ups.min()), heel_deg=float(np.degrees(heel)),
         trim_deg=float(np.degrees(trim)),
         height_m=float(scene.buoyancy.sea.level + attitude.height + origin[2]),
-        tilt_from_start_deg=float(
-            np.degrees(np.arctan2(np.linalg.norm(np.cross(up_before, up_now)), up_before @ up_now))
-        ),
+        tilt_from_start_deg=_tilt(tree.rotation[2], attitude.rotation[2]),
     )  # fmt: skip
 
 
 def _centres(
-    scene: Scene, tree: Tree, attitude: Attitude, wetted: Wetted
+    scene: Afloat, tree: Tree, attitude: Attitude, wetted: Wetted
 ) -> dict[str, float | None]:
     """Displacement, centres, metacentres, waterplane."""
     body, area, volume = tree.body, wetted.waterplane, wetted.volume
@@ -258,7 +314,7 @@ def _extents(corners: Array) -> tuple[float, float]:
 
 
 def _motions(
-    scene: Scene, tree: Tree, attitude: Attitude, wetted: Wetted
+    scene: Afloat, tree: Tree, attitude: Attitude, wetted: Wetted
 ) -> dict[str, float | list[list[float]] | None]:
     """Stiffness, added mass, periods, and the largest timestep that holds."""
     turn = attitude.rotation @ tree.rotation.T
@@ -286,7 +342,7 @@ def _motions(
     )  # fmt: skip
 
 
-def _added_mass(scene: Scene, tree: Tree, turn: Array) -> Array:
+def _added_mass(scene: Afloat, tree: Tree, turn: Array) -> Array:
     """Added mass (6, 6) of the submerged tree about its centre of mass, turned by so much."""
     data, total = scene.data, np.zeros((6, 6))
     for f in tree.floats:

@@ -18,7 +18,7 @@ from sim.coupling.custom_fields import METHOD, check_geoms, numerics_of, of_geom
 from sim.coupling.drag_fields import DragFields
 from sim.coupling.faults import Faults, say
 from sim.coupling.floats import FloatingGeom, Listed, listed_geoms
-from sim.coupling.notes import notes_about
+from sim.coupling.notes import notes_about, notes_about_sizes
 from sim.coupling.overlaps import Shape, notes_of_overlaps, united_shapes
 from sim.coupling.primitives import geom_hull
 from sim.coupling.sea_fields import sea_of
@@ -84,9 +84,11 @@ def read_model(
         if any(f.drag for f in floats):
             with faults.collected():
                 check_solver(model)
+        notes += notes_about_sizes(sea, [(shape.name, shape.hull) for shape in shapes])
+    if faults.found:
+        say(notes)  # which may tell why
     faults.refuse()
-    notes += notes_about(model, sea, floats)
-    say(notes)
+    say([*notes, *notes_about(model, sea, floats)])
     threads = next(
         (p.numerics["buoyancy_threads"] for p in parts if "buoyancy_threads" in p.numerics), [1.0]
     )

@@ -1,6 +1,6 @@
 """Notes: what in a model is likely not meant, each said in one line with the remedy."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import mujoco
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sim.coupling.checks import AIR
 from sim.coupling.floats import FloatingGeom, bodies_above, body_label, collides, geom_label
+from sim.hull import Hull
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -27,7 +28,7 @@ def notes_about(model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom])
     trees = _trees(model, floats)
     return [
         *_about_air(model), *_about_gravity(model, floats), *_about_densities(model, sea, trees),
-        *_about_sizes(sea, floats), *_about_floors(model, sea, floats),
+        *_about_floors(model, sea, floats),
     ]  # fmt: skip
 
 
@@ -75,15 +76,16 @@ def _about_densities(
             )
 
 
-def _about_sizes(sea: Sea, floats: Sequence[FloatingGeom]) -> Iterator[str]:
+def notes_about_sizes(sea: Sea, hulls: Iterable[tuple[str, Hull]]) -> Iterator[str]:
+    """What there is to say about hulls, by their names, that are of another size than the waves."""
     if not sea.waves:
         return
     lengths = [wave.wavelength for wave in sea.waves]
-    for f in floats:
-        size = float(np.ptp(f.method.hull.bounds, axis=0).max())
+    for name, hull in hulls:
+        size = float(np.ptp(hull.bounds, axis=0).max())
         if size > LONGEST * max(lengths) or size < SHORTEST * min(lengths):
             yield (
-                f"geom '{f.name}' is {size:.3g} m long and the waves {min(lengths):.3g} to "
+                f"geom '{name}' is {size:.3g} m long and the waves {min(lengths):.3g} to "
                 f"{max(lengths):.3g} m: check the units (a mesh in millimetres takes "
                 'scale="0.001 0.001 0.001")'
             )

@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 
 from sim.coupling.buoyancy import Buoyancy
-from sim.coupling.faults import ModelError
+from sim.coupling.faults import ModelError, say
+from sim.coupling.hydrostatics import notes_about_start
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class Scene:
         """Compile an MJCF file and put it into its first keyframe, if it has one.
 
         method, tolerance, timestep [s], threads and pressure overrule what the file says. Raises
-        FileNotFoundError, or ValueError that names what is wrong with the file.
+        FileNotFoundError, or ModelError with all that is wrong with the file; warns by a Note of
+        what is likely not meant, and of bodies that will not stay as they start.
         """
         path = Path(path)
         if not path.is_file():
@@ -70,7 +72,9 @@ class Scene:
         if model.nkey:
             mujoco.mj_resetDataKeyframe(model, data, 0)
         mujoco.mj_forward(model, data)
-        return cls(name, model, data, buoyancy)
+        scene = cls(name, model, data, buoyancy)
+        say(notes_about_start(scene))
+        return scene
 
     def compile_kernels(self) -> None:
         """Compute the water's wrenches once, on a state of its own: the first call compiles the

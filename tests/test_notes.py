@@ -1,0 +1,335 @@
+"""Robots and scenes as people bring them: what floats, is refused all at once, or is noted."""
+
+import copy
+import pickle
+import warnings
+
+import made_hulls
+import mujoco
+import numpy as np
+import pytest
+import run as run_script
+from scenes import CUBE, WAVES, model, xml
+
+from independent import DENSITY, GRAVITY, MODELS
+from sim import Buoyancy, ModelError, Note, Scene, hydrostatics
+from sim.coupling.primitives import geom_hull
+
+ROUND_OFF = 1e-9
+
+
+def notes_of(compiled) -> list[str]:
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        Buoyancy.from_model(compiled)
+    assert all(issubclass(w.category, Note) for w in said)
+    return [str(w.message) for w in said]
+
+
+def listing(*bodies: str) -> str:
+    elements = "".join(f'<element objtype="body" objname="{b}"/>' for b in bodies)
+    return f'<custom><tuple name="buoyant">{elements}</tuple></custom>'
+
+
+def robot(limbs: int = 20) -> str:
+    """A torso with limbs of two unnamed geoms each, one of which only shows."""
+    links = "".join(
+        f'<body pos="{0.5 * i} 0 0"><joint axis="0 1 0"/>'
+        '<geom type="capsule" size="0.05 0.15" density="500"/>'
+        '<geom type="box" size="0.3 0.3 0.3" contype="0" conaffinity="0" mass="0"/></body>'
+        for i in range(1, limbs + 1)
+    )
+    return f'<body name="torso"><freejoint/><geom size="0.2" density="500"/>{links}</body>'
+
+
+def test_a_body_stands_for_all_geoms_of_its_subtree_that_collide():
+    compiled = model(robot(), (), extra=listing("torso"))
+    floats = Buoyancy.from_model(compiled).floats
+    assert len(floats) == 21
+    assert floats[0].name == "torso/geom 0"
+    assert floats[1].name == f"body {floats[1].body}/geom 0"
+    ghosts = robot(1).replace('density="500"', 'density="500" contype="0" conaffinity="0"')
+    floats = Buoyancy.from_model(model(ghosts, (), extra=listing("torso"))).floats
+    assert [f.geoms for f in floats] == [(0,), (1, 2)]  # capsule and box overlap
+
+
+def test_settings_may_name_a_body_and_geoms_without_a_name():
+    custom = (
+        '<numeric name="drag_torso" data="0.2 1 0"/><numeric name="drag_arm" data="0.3 2 0"/>'
+        '<text name="buoyancy_method_arm/geom 1" data="linear"/>'
+    )
+    bodies = """<body name="torso"><freejoint/><geom size="0.2"/>
+      <body name="arm" pos="1 0 0"><joint/><geom size="0.1" pos="0.5 0 0"/><geom size="0.1"/></body>
+      </body>"""
+    torso, first, second = Buoyancy.from_model(
+        model(bodies, (), custom, extra=listing("torso"))
+    ).floats
+    assert torso.drag.coefficients.form == 1.0
+    assert first.drag.coefficients.form == second.drag.coefficients.form == 2.0
+    assert type(first.method).__name__ == "Patches"
+    assert type(second.method).__name__ == "Linear"
+
+
+def test_a_body_without_geoms_is_refused():
+    inertial = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    bodies = f'{CUBE}<body name="empty"><freejoint/>{inertial}</body>'
+    with pytest.raises(ModelError, match="lists body 'empty', which has no geom"):
+        Buoyancy.from_model(model(bodies, (), extra=listing("empty")))
+
+
+FAULTY = xml(
+    CUBE + '<geom name="rock" size="1"/>',
+    ("cube", "rock"),
+    '<numeric name="wave_a" data="0.5 2 0"/><numeric name="water_depth" data="1"/>'
+    '<text name="buoyancy_method" data="magic"/><numeric name="drag" data="0 -1 0"/>',
+    '<option density="1000"><flag gravity="disable"/></option>',
+)
+
+
+def test_all_faults_are_told_at_once(tmp_path, capsys):
+    with pytest.raises(ModelError) as caught:
+        Buoyancy.from_model(mujoco.MjModel.from_xml_string(FAULTY))
+    faults = caught.value.faults
+    words = ("density is 1000", "flag gravity", "wave_a' has 3", "water_depth' is unknown",
+             "rock' belongs to the world", "'magic' is no method")  # fmt: skip
+    for word in words:
+        assert sum(word in fault for fault in faults) == 1, word
+    assert all("\n" not in fault for fault in faults)
+    for again in (pickle.loads(pickle.dumps(caught.value)), copy.copy(caught.value)):
+        assert again.faults == faults
+    file = tmp_path / "faulty.xml"
+    file.write_text(FAULTY)
+    assert run_script.main([str(file), "--no-record"]) == 2
+    lines = capsys.readouterr().err.strip().split("\n")
+    assert len(lines) == len(faults)
+    assert all(line.startswith(f"run.py: {file}: ") for line in lines)
+
+
+STATIC = '<geom name="floor" type="{}" size="{}" pos="0 0 {}"/>'
+NOTED = {
+    "air": (dict(option='<option density="1.2" viscosity="1.8e-5"/>'), "air drag acts under water"),
+    "gravcomp": (
+        dict(bodies=CUBE.replace("<body", '<body gravcomp="1"')),
+        "'cube' has gravcomp 1.*floats too high.*set it to 0",
+    ),
+    "a floor": (
+        dict(bodies=CUBE + STATIC.format("plane", "5 5 1", 0)),
+        "plane 'floor' at z = 0 is at the water's surface: 'cube' will stand on it",
+    ),
+    "a quay": (
+        dict(bodies=CUBE + STATIC.format("box", "1 1 0.5", -0.5)),
+        "box 'floor' at z = 0 is at the water's surface",
+    ),
+    "too light": (dict(bodies=CUBE.replace("512.5", "1")), "1 kg and its hulls hold 1 m.*units"),
+    "too heavy": (dict(bodies=CUBE.replace("512.5", "30000")), "29.3 times as dense as the water"),
+    "millimetres": (
+        dict(bodies=CUBE.replace("0.5 0.5 0.5", "500 500 500"),
+             custom=WAVES + '<text name="buoyancy_method" data="linear"/>'),
+        "1e.03 m long and the waves 1.4 to 4 m: check the units",
+    ),
+    "two bodies overlap": (
+        dict(bodies=CUBE + CUBE.replace('"cube"', '"crate"').replace("0 0 0", "0.7 0 0"),
+             buoyant=("cube", "crate")),
+        "'cube' and 'crate' .30 % of the smaller.*move them apart",
+    ),
+    "two geoms overlap": (
+        dict(bodies=CUBE.replace("</body>", '<geom name="keel" type="box" size="0.5 0.5 0.5" '
+                                 'pos="0.5 0 0" density="512.5"/></body>'),
+             buoyant=("cube", "keel")),
+        "'cube' and 'keel' overlap and are one hull.*33 % of its volume twice.*'buoyancy_union' 0",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", NOTED)
+def test_what_is_likely_not_meant_is_noted(case):
+    changes, message = NOTED[case]
+    with pytest.warns(Note, match=message):
+        Buoyancy.from_model(model(**changes))
+
+
+def test_what_is_fine_is_not_noted():
+    far = CUBE + STATIC.format("plane", "5 5 1", -3)
+    ghost = CUBE + STATIC.format("plane", "5 5 1", 0).replace(
+        "/>", ' contype="0" conaffinity="0"/>'
+    )
+    aside = CUBE + STATIC.format("box", "1 1 0.5", -0.5).replace('pos="0', 'pos="9')
+    for bodies in (CUBE, far, ghost, aside):
+        assert notes_of(model(bodies, custom=WAVES)) == []
+
+
+@pytest.mark.parametrize("name", ["wigley", "spar", "articulated", "cube", "bunny", "spheres"])
+def test_the_shipped_models_are_not_noted(name):
+    assert notes_of(mujoco.MjModel.from_xml_path(str(MODELS / f"{name}.xml"))) == []
+
+
+def test_notes_can_be_errors_or_silent():
+    compiled = model(CUBE.replace("512.5", "1"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Note)
+        with pytest.raises(Note):
+            Buoyancy.from_model(compiled)
+        warnings.simplefilter("ignore", Note)
+        Buoyancy.from_model(compiled)
+
+
+def test_a_mesh_of_legacy_inertia_is_noted():
+    mesh = f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}"{{}}/>'
+    body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" density="500"/></body>'
+    assert notes_of(model(body, ("g",), assets=mesh.format(' inertia="exact"'))) == []
+    (note,) = notes_of(model(body, ("g",), assets=mesh.format(' inertia="legacy"')))
+    assert 'inertia="exact"' in note
+    assert "its mass 7.9 % above" in note
+
+
+OVERLAP = CUBE.replace(
+    "</body>",
+    '<geom name="keel" type="box" size="0.5 0.5 0.5" pos="0.5 0 0.1" euler="0 0 30" density="1"/>'
+    "</body>",
+)
+
+
+def test_overlaps_of_a_body_count_once_unless_switched_off():
+    with pytest.warns(Note):
+        scene = Scene.from_model(model(OVERLAP, ("cube", "keel")))
+    (one,) = scene.buoyancy.floats
+    assert one.name == "cube + keel"
+    assert len(one.geoms) == 2
+    scene.data.qpos[2] = -9.0
+    mujoco.mj_forward(scene.model, scene.data)
+    lift = scene.buoyancy.wrenches(scene.data)[0, 2]
+    assert lift == pytest.approx(DENSITY * GRAVITY * one.method.hull.volume, rel=ROUND_OFF)
+    assert 1.2 < one.method.hull.volume < 1.7
+    off = '<numeric name="buoyancy_union" data="0"/>'
+    assert len(Buoyancy.from_model(model(OVERLAP, ("cube", "keel"), off)).floats) == 2
+    other = '<numeric name="drag_keel" data="1 1 0"/>'
+    with pytest.warns(Note, match="overlap and count that water twice"):
+        assert len(Buoyancy.from_model(model(OVERLAP, ("cube", "keel"), other)).floats) == 2
+
+
+def test_a_united_geom_that_moves_on_its_body_is_refused():
+    compiled = model(OVERLAP, ("cube", "keel"))
+    buoyancy, data = Buoyancy.from_model(compiled), mujoco.MjData(compiled)
+    compiled.geom_pos[1, 0] += 0.1
+    with pytest.raises(ValueError, match="geom_pos changed"), buoyancy.installed():
+        mujoco.mj_step(compiled, data)
+    compiled.geom_pos[1, 0] -= 0.1
+    with buoyancy.installed():
+        compiled.geom_pos[1, 0] += 0.1
+        with pytest.raises(mujoco.FatalError, match="geom_pos changed"):
+            mujoco.mj_step(compiled, data)
+
+
+def test_the_displaced_volume_may_be_another_than_the_hulls():
+    """As that of an 11.5 kg vehicle, flooded, whose frame is a box of 43.8 litres."""
+    custom = '<numeric name="displaced_cube" data="0.25"/>'
+    scene = Scene.from_model(model(CUBE.replace("512.5", "128"), custom=custom))
+    scene.data.qpos[2] = -9.0
+    mujoco.mj_forward(scene.model, scene.data)
+    lift = scene.buoyancy.wrenches(scene.data)[0, 2]
+    assert lift == pytest.approx(0.25 * DENSITY * GRAVITY, rel=ROUND_OFF)
+    assert scene.buoyancy.submerged_volumes(scene.data)[0] == pytest.approx(1.0, rel=ROUND_OFF)
+    found = hydrostatics(scene, with_gz=False)["cube"]
+    assert found.volume_m3 == pytest.approx(0.25)
+    assert found.displacement_m3 == pytest.approx(128.0 / DENSITY)
+    with pytest.raises(ModelError, match=r"'displaced_cube' is 0: .*must be above 0"):
+        Buoyancy.from_model(model(custom=custom.replace("0.25", "0")))
+
+
+@pytest.mark.parametrize("size", [1e-7, 1e-4, 1.0, 1e5])
+@pytest.mark.parametrize(
+    ("kind", "sizes", "volume"),
+    [
+        ("box", "1 2 3", 48.0),
+        ("sphere", "1", 4.0 / 3.0 * np.pi),
+        ("ellipsoid", "1 2 3", 8.0 * np.pi),
+        ("cylinder", "1 2", 4.0 * np.pi),
+        ("capsule", "1 2", 4.0 * np.pi + 4.0 / 3.0 * np.pi),
+        ("capsule", "1 2000", 4000.0 * np.pi + 4.0 / 3.0 * np.pi),
+    ],
+)
+def test_primitives_of_any_size_have_their_volume(kind, sizes, volume, size):
+    scaled = " ".join(str(size * float(s)) for s in sizes.split())
+    body = f'<body><freejoint/><geom name="g" type="{kind}" size="{scaled}" mass="1"/></body>'
+    limits = '<compiler boundmass="1" boundinertia="1"/>'
+    hull, notes = geom_hull(model(body, ("g",), option=limits), 0)
+    assert notes == []
+    assert hull.volume == pytest.approx(size**3 * volume, rel=1e-12)
+
+
+def attached(sea: str = WAVES, own: str = "") -> mujoco.MjModel:
+    """A cube that was attached to a model by MjSpec, which puts 'a_' before all names."""
+    parent = mujoco.MjSpec.from_string(
+        f'<mujoco><option timestep="0.005"/><custom>{own}</custom><worldbody/></mujoco>'
+    )
+    child = mujoco.MjSpec.from_string(xml(custom=sea + '<numeric name="drag_cube" data="1 1 0"/>'))
+    parent.attach(child, prefix="a_", frame=parent.worldbody.add_frame())
+    return parent.compile()
+
+
+def test_an_attached_model_floats_in_its_own_sea():
+    compiled = attached()
+    assert compiled.tuple(0).name == "a_buoyant"
+    buoyancy = Buoyancy.from_model(compiled)
+    assert len(buoyancy.sea.waves) == 3
+    assert buoyancy.floats[0].name == "cube"
+    assert buoyancy.floats[0].drag.coefficients.linear == 1.0
+    data = mujoco.MjData(compiled)
+    with buoyancy.installed():
+        mujoco.mj_step(compiled, data, nstep=10)
+    assert data.xfrc_applied[1, 2] > 0.0
+
+
+def test_two_different_seas_are_refused():
+    same = '<numeric name="water_density" data="1025"/>' + WAVES
+    assert len(Buoyancy.from_model(attached(own=same)).sea.waves) == 3
+    with pytest.raises(
+        ModelError, match="two different seas: that of the model itself and that of"
+    ):
+        Buoyancy.from_model(attached(own='<numeric name="wave_a" data="0.1 3 0 0"/>'))
+
+
+def test_the_wrapper_of_dm_control_is_taken():
+    class Wrapper:
+        ptr = model()
+
+    assert Buoyancy.from_model(Wrapper()).model is Wrapper.ptr
+
+
+STARTS = {
+    "sinks": (CUBE.replace("512.5", "3000"), "'cube' will sink: it weighs 3000 kg"),
+    "turns over": (
+        CUBE.replace("0.5 0.5 0.5", "0.1 0.1 1"), "'cube' will turn over.*rests 90 deg from how",
+    ),
+    "falls": (CUBE.replace("0 0 0", "0 0 9"), "'cube' starts 9 m above where it floats and falls"),
+    "shoots up": (CUBE.replace("0 0 0", "0 0 -9"), "starts 9 m below where it floats and shoots"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", STARTS)
+def test_a_start_that_does_not_stay_is_noted(case):
+    body, message = STARTS[case]
+    with pytest.warns(Note, match=message):
+        Scene.from_model(model(body))
+
+
+def test_run_says_notes_in_one_line_each(tmp_path, capsys):
+    file = tmp_path / "light.xml"
+    file.write_text(xml(CUBE.replace("512.5", "1"), option='<option density="1.2"/>'))
+    arguments = [str(file), "--no-record", "--duration", "0.01"]
+    assert run_script.main(arguments) == 0
+    lines = [line for line in capsys.readouterr().err.split("\n") if "note" in line]
+    assert len(lines) == 2
+    assert all(line.startswith("run.py: note: ") for line in lines)
+    assert run_script.main([*arguments, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_overlapping_shells_of_a_mesh_are_noted(tmp_path):
+    both = made_hulls.joined(made_hulls.box([2, 2, 2]), made_hulls.box([1, 1, 1]))
+    both.export(tmp_path / "m.obj")
+    body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" density="500"/></body>'
+    mesh = f'<mesh name="m" inertia="exact" file="{tmp_path / "m.obj"}"/>'
+    with pytest.warns(Note, match="its shells overlap and are one hull.*12 % of its volume twice"):
+        buoyancy = Buoyancy.from_model(model(body, ("g",), assets=mesh))
+    assert buoyancy.floats[0].method.hull.volume == pytest.approx(8.0)
