@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.kernels import inline
+from sim.kernels import inline, kernel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -81,6 +81,37 @@ def halved(corners: Array) -> Array:
     a, b, c = np.moveaxis(np.take_along_axis(corners, turn[:, :, None], axis=1), 1, 0)
     m = 0.5 * (a + b)
     return np.concatenate([np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)])
+
+
+def distinct_points(points: Array) -> tuple[Indices, Indices]:
+    """Of points (N, 3) those that are at places of their own: the first index (K,) at each, in the
+    places' order, and which of them (N,) each point is."""
+    order = np.lexsort(points.T)
+    placed = points[order]
+    is_new = np.ones(len(points), dtype=bool)
+    is_new[1:] = (placed[1:] != placed[:-1]).any(axis=1)
+    numbers = np.empty(len(points), dtype=np.int64)
+    numbers[order] = np.cumsum(is_new) - 1
+    return order[is_new], numbers
+
+
+@kernel
+def spread_lowest(pairs, label_out):
+    """Give all that pairs (P, 2) hang together the lowest label (N,): union-find."""
+    for p in range(pairs.shape[0]):
+        a, b = pairs[p, 0], pairs[p, 1]
+        while label_out[a] != a:
+            label_out[a] = label_out[label_out[a]]
+            a = label_out[a]
+        while label_out[b] != b:
+            label_out[b] = label_out[label_out[b]]
+            b = label_out[b]
+        if a < b:
+            label_out[b] = a
+        else:
+            label_out[a] = b
+    for i in range(label_out.size):
+        label_out[i] = label_out[label_out[i]]
 
 
 def rotation_matrix(quaternion: Array) -> Array:

@@ -12,7 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import area_vectors, areas, cone_centroid, cone_volumes
+from sim.geometry import (
+    area_vectors,
+    areas,
+    cone_centroid,
+    cone_volumes,
+    distinct_points,
+    spread_lowest,
+)
 
 Array = NDArray[np.float64]
 
@@ -111,8 +118,8 @@ def _checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArr
 def _merged(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
     """Merge vertices at the same place, drop faces that collapse and vertices without a face. The
     order of what stays is kept."""
-    _, first, group = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
-    faces = first[np.ravel(group)][faces]
+    first, group = distinct_points(vertices)
+    faces = first[group][faces]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
     if len(faces) == 0:
@@ -130,9 +137,9 @@ def _directed_edges(faces: NDArray[np.int64]) -> NDArray[np.int64]:
 def _check_edges(faces: NDArray[np.int64]) -> None:
     """Every edge must have two faces that run along it in opposite directions."""
     edges = _directed_edges(faces)
-    _, group, count = np.unique(
-        np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    keys = low * (int(faces.max()) + 1) + high
+    _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
     open_edges = int(np.count_nonzero(count == 1))
     if open_edges:
         raise ValueError(
@@ -161,22 +168,16 @@ def _middle(vertices: Array) -> Array:
 
 def closed_parts(vertices: Array, faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """The connected shells of a surface, as faces (F, 3) each; vertices at a place are one."""
-    _, group = np.unique(vertices + 0.0, axis=0, return_inverse=True)
-    label = _parts(np.ravel(group)[faces], len(vertices))
+    _, group = distinct_points(vertices)
+    label = _parts(group[faces], len(vertices))
     return [faces[label == part] for part in np.unique(label)]
 
 
 def _parts(faces: NDArray[np.int64], vertex_count: int) -> NDArray[np.int64]:
     """Label (F,) of the connected part that each face belongs to: the lowest vertex it reaches."""
     label = np.arange(vertex_count)
-    edges = _directed_edges(faces)
-    while True:
-        lower = label.copy()
-        np.minimum.at(lower, edges[:, 1], label[edges[:, 0]])
-        lower = lower[lower]  # jump along labels already found: few rounds even on long chains
-        if np.array_equal(lower, label):
-            return label[faces[:, 0]]
-        label = lower
+    spread_lowest(_directed_edges(faces), label)
+    return label[faces[:, 0]]
 
 
 def _turned_outward(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:

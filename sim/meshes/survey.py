@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from sim.geometry import areas, cone_volumes
+from sim.geometry import areas, cone_volumes, spread_lowest
 from sim.hull import Hull
 from sim.meshes.crossings import crossing_faces
 from sim.meshes.topology import (
@@ -16,7 +16,6 @@ from sim.meshes.topology import (
     face_pairs,
     parts_of,
     rims_of,
-    spread_lowest,
     wound_alike,
 )
 from sim.meshes.union import decked, outer_surface, shared_volume

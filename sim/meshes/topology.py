@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.geometry import spread_lowest
 from sim.kernels import kernel
 
 Array = NDArray[np.float64]
@@ -53,25 +54,6 @@ def parts_of(faces: Indices) -> Indices:
     label = np.arange(len(faces))
     spread_lowest(pairs, label)
     return np.unique(label, return_inverse=True)[1].reshape(-1)
-
-
-@kernel
-def spread_lowest(pairs, label_out):
-    """Give all that pairs (P, 2) hang together the lowest label (N,): union-find."""
-    for p in range(pairs.shape[0]):
-        a, b = pairs[p, 0], pairs[p, 1]
-        while label_out[a] != a:
-            label_out[a] = label_out[label_out[a]]
-            a = label_out[a]
-        while label_out[b] != b:
-            label_out[b] = label_out[label_out[b]]
-            b = label_out[b]
-        if a < b:
-            label_out[b] = a
-        else:
-            label_out[a] = b
-    for i in range(label_out.size):
-        label_out[i] = label_out[label_out[i]]
 
 
 @kernel

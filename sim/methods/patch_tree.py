@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry import area_vectors, sides, split_triangles
+from sim.geometry import area_vectors, distinct_points, sides, split_triangles
 from sim.hull import Hull
-from sim.kernels import inline, record
+from sim.kernels import inline, kernel, record
 from sim.methods.linear import corner_shares
 from sim.methods.polynomial import (
     BENDING,
@@ -48,6 +48,10 @@ LLOYD_ROUNDS, MORE_SEEDS = 15, 10
 MOST_CLUSTERS = 64
 """What needs more patches than that is halved before it is clustered, which takes a time as the
 number of triangles times that of clusters."""
+
+AXIS_SQUARINGS = 8
+"""Of a matrix of spread, to its 256th power: an axis in which triangles spread 1.1 times as much as
+in another is then known to 1e-10, and between others the choice does not matter."""
 
 TINY = 1e-300
 """Instead of areas that are 0, so that a cluster of such triangles has a middle."""
@@ -145,14 +149,16 @@ def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
     return _Builder(corners, radius).tree()
 
 
-def triangle_moments(corners: Array, area_vectors: Array, centres: Array) -> Array:
-    """Moments (N, 6, MONOMIALS) of triangles (N, 3, 3), places d taken from centres (N, 3)."""
-    points, weights = gauss_rule(3)  # exact to degree 4: what the torque of a cubic needs
-    moments = np.zeros((len(corners), 6, MONOMIALS))
+def quadratic_moments(corners: Array, area_vectors: Array, centres: Array) -> Array:
+    """Moments (N, 6, 6) of second order of triangles (N, 3, 3), places d from centres."""
+    points, weights = gauss_rule(3)  # exact to degree 4; a quadratic's torque has 3
+    moments = np.zeros((len(corners), 6, 6))
     for barycentric, weight in zip(points, weights, strict=True):
         place = np.einsum("c,ncx->nx", barycentric, corners)
         wrench = np.hstack([area_vectors, np.cross(place, area_vectors)])
-        moments += weight * wrench[:, :, None] * monomials(place - centres)[:, None, :]
+        x, y, z = (place - centres).T
+        second = np.stack([x * x, x * y, x * z, y * y, y * z, z * z], axis=1)
+        moments += weight * wrench[:, :, None] * second[:, None, :]
     return moments
 
 
@@ -192,12 +198,26 @@ def clusters(corners: Array, sizes: Array, radius: float) -> Integers:
 def _lloyd(points: Array, sizes: Array, seeds: Array) -> tuple[Integers, Array]:
     """For each point (N, 3) the seed (K, 3) next to it, and the seeds moved to those points'
     middles, LLOYD_ROUNDS times over."""
+    nearest = np.empty(len(points), dtype=np.int64)
     for _ in range(LLOYD_ROUNDS):
-        nearest = np.argmin(np.sum(seeds**2, axis=1) - 2.0 * points @ seeds.T, axis=1)
+        find_nearest(points, seeds, nearest)
         total = np.bincount(nearest, sizes, len(seeds))[:, None]
         sums = [np.bincount(nearest, sizes * along, len(seeds)) for along in points.T]
         seeds = np.where(total > 0.0, np.transpose(sums) / np.maximum(total, TINY), seeds)
     return nearest, seeds
+
+
+@kernel
+def find_nearest(points, seeds, nearest_out):
+    """For each point (N, 3) the seed (K, 3) next to it."""
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        best, least = 0, np.inf
+        for k in range(seeds.shape[0]):
+            dx, dy, dz = seeds[k, 0] - x, seeds[k, 1] - y, seeds[k, 2] - z
+            away = dx * dx + dy * dy + dz * dz
+            best, least = (k, away) if away < least else (best, least)
+        nearest_out[i] = best
 
 
 class _Builder:
@@ -210,46 +230,71 @@ class _Builder:
         self.middles = corners.mean(axis=1)
         self.area_vectors = area_vectors(corners)
         self.sizes = np.maximum(np.linalg.norm(self.area_vectors, axis=1), TINY)
-        self.shares = corner_shares(corners, self.area_vectors)
-        self.points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-        self.numbers = numbers.reshape(-1, 3)
-        self.boxes: list[tuple[Array, Array]] = []
-        self.afters: list[int] = []
-        self.leaf_numbers: list[int] = []
-        self.node_moments: list[Array] = []
-        self.leaves: list[tuple[Array, Array, Array, Array, Integers]] = []
+        first, numbers = distinct_points(corners.reshape(-1, 3))
+        self.points, self.numbers = corners.reshape(-1, 3)[first], numbers.reshape(-1, 3)
 
     def tree(self) -> PatchTree:
         found = list(self._patches(np.arange(len(self.corners))))
-        centres = np.empty((len(self.corners), 3))
-        for chosen, centre, _ in found:
-            centres[chosen] = centre
-        self.moments = triangle_moments(self.corners, self.area_vectors, centres)
+        centres = np.array([centre for _, centre, _ in found])
+        counts = np.array([len(chosen) for chosen, _, _ in found])
+        order = np.concatenate([chosen for chosen, _, _ in found])
+        ends = np.cumsum(counts)
+        nodes, spans, first = divided(
+            order, np.concatenate([[0], ends]), centres, self.corners, self.numbers
+        )
         patches = np.zeros(len(found), PATCH)
-        for patch, (chosen, centre, radius) in zip(patches, found, strict=True):
-            patch["first"] = len(self.boxes)
-            self._grow(chosen, centre)
-            patch["x"], patch["y"], patch["z"] = centre
-            patch["radius"], patch["end"] = radius, len(self.boxes)
-        return PatchTree(patches, *self._node_tables(), self._leaf_table())
+        patches["x"], patches["y"], patches["z"] = centres.T
+        patches["radius"] = [radius for _, _, radius in found]
+        patches["first"], patches["end"] = first[:-1], first[1:]
+        of_triangle = np.repeat(centres, counts, axis=0)
+        is_leaf = nodes["leaf"] >= 0
+        leaves, of_leaves = self._leaves(order, spans[is_leaf], of_triangle)
+        return PatchTree(patches, nodes, _moment_table(nodes, of_leaves), leaves)
 
-    def _node_tables(self) -> tuple[Table, Table]:
-        nodes, moments = np.zeros(len(self.boxes), NODE), np.zeros(len(self.boxes), MOMENTS)
-        middles, halves = (np.array(part).T for part in zip(*self.boxes, strict=True))
-        nodes["x"], nodes["y"], nodes["z"] = middles
-        nodes["half_x"], nodes["half_y"], nodes["half_z"] = halves
-        nodes["after"], nodes["leaf"] = self.afters, self.leaf_numbers
-        of_nodes = np.array(self.node_moments)
-        moments["linear"], moments["bending"] = np.split(of_nodes, [LINEAR], axis=2)
-        return nodes, moments
-
-    def _leaf_table(self) -> Table:
-        leaves = np.zeros(len(self.leaves), LEAF)
-        places, weights, bends, middles, triangles = map(np.array, zip(*self.leaves, strict=True))
-        leaves["x"], leaves["y"], leaves["z"] = np.moveaxis(places, 1, 0)
-        leaves["weights"], leaves["bends"], leaves["triangles"] = weights, bends, triangles
+    def _leaves(self, order: Integers, spans: Integers, centres: Array) -> tuple[Table, Array]:
+        """LEAF rows of triangles in order, spans (L, 2) of it, centres (N, 3) of their patches; and
+        the leaves' moments (L, 6, MONOMIALS): exact up to second order, of the third what
+        `local_quadratic` has."""
+        start, end = spans.T
+        which = np.repeat(np.arange(len(spans)), end - start)
+        keys = which[:, None] * len(self.points) + self.numbers[order]
+        keys, corner = np.unique(keys, return_inverse=True)
+        leaf_of, number = keys // len(self.points), keys % len(self.points)
+        slot = np.arange(len(keys)) - np.searchsorted(leaf_of, np.arange(len(spans)))[leaf_of]
+        places = self._places(leaf_of, slot, self.points[number] - centres[start][leaf_of])
+        weights = self._weights(order, which, slot[corner.reshape(-1, 3)])
+        low = np.full((len(spans), 3), np.inf)
+        high = -low
+        np.minimum.at(low, leaf_of, self.points[number] - centres[start][leaf_of])
+        np.maximum.at(high, leaf_of, self.points[number] - centres[start][leaf_of])
+        middles = 0.5 * (low + high)
+        moments = weights @ monomials(places)
+        exact = quadratic_moments(self.corners[order], self.area_vectors[order], centres)
+        bends = np.zeros((len(spans), 6, QUADRATICS))
+        second = slice(LINEAR, LINEAR + 6)
+        bends[:, :, :6] = np.add.reduceat(exact, start) - moments[:, :, second]
+        moments[:, :, LINEAR:] += bends[:, :, :6] @ local_quadratic(middles)
+        leaves = np.zeros(len(spans), LEAF)
+        leaves["x"], leaves["y"], leaves["z"] = np.moveaxis(places, 2, 0)
+        leaves["weights"], leaves["bends"] = weights, bends
         leaves["middle_x"], leaves["middle_y"], leaves["middle_z"] = middles.T
-        return leaves
+        codes = triangle_codes(slot[corner.reshape(-1, 3)])
+        leaves["triangles"][which, np.arange(len(order)) - start[which]] = codes
+        return leaves, moments
+
+    def _places(self, leaf_of: Integers, slot: Integers, found: Array) -> Array:
+        """Places (L, LEAF_VERTICES, 3) of the leaves' vertices; what is left is as the first."""
+        places = np.repeat(found[slot == 0][:, None], LEAF_VERTICES, axis=1)
+        places[leaf_of, slot] = found
+        return places
+
+    def _weights(self, order: Integers, which: Integers, slots: Integers) -> Array:
+        """Weights (L, 6, LEAF_VERTICES) of the leaves' vertices, from triangles with such slots."""
+        shares = corner_shares(self.corners[order], self.area_vectors[order]).reshape(-1, 6)
+        at = (which[:, None] * LEAF_VERTICES + slots).ravel()
+        room = (int(which.max()) + 1) * LEAF_VERTICES
+        sums = np.stack([np.bincount(at, part, room) for part in shares.T])
+        return np.ascontiguousarray(sums.reshape(6, -1, LEAF_VERTICES).transpose(1, 0, 2))
 
     def _patches(self, chosen: Integers) -> Iterator[tuple[Integers, Array, float]]:
         """Divide triangles until they fit a patch: its triangles, centre and radius."""
@@ -280,50 +325,158 @@ class _Builder:
         _, axes = np.linalg.eigh(middles.T @ middles)
         return middles @ axes[:, 2]
 
-    def _grow(self, chosen: Integers, centre: Array) -> Array:
-        """Add the node of triangles within a patch and, behind it, its subtree; returns its
-        moments (6, MONOMIALS)."""
-        node = len(self.boxes)
-        points = self.corners[chosen].reshape(-1, 3) - centre
-        low, high = points.min(axis=0), points.max(axis=0)
-        middle = 0.5 * (low + high)
-        self.boxes.append((middle, 0.5 * (high - low)))
-        self.afters.append(0)
-        self.leaf_numbers.append(-1)
-        self.node_moments.append(np.zeros(0))
-        vertices = np.unique(self.numbers[chosen]) if len(chosen) <= LEAF_TRIANGLES else ()
-        if 0 < len(vertices) <= LEAF_VERTICES:
-            self.leaf_numbers[node] = len(self.leaves)
-            moments = self._add_leaf(chosen, vertices, middle, centre)
-        else:
-            order = np.argsort(self._along(chosen), kind="stable")
-            leaves = max(2, -(-len(chosen) // LEAF_TRIANGLES))
-            near = len(chosen) * (leaves // 2) // leaves  # so that leaves become full
-            moments = self._grow(chosen[np.sort(order[:near])], centre)
-            moments = moments + self._grow(chosen[np.sort(order[near:])], centre)
-        self.afters[node] = len(self.boxes)
-        self.node_moments[node] = moments
-        return moments
 
-    def _add_leaf(
-        self, chosen: Integers, vertices: Integers, middle: Array, centre: Array
-    ) -> Array:
-        """Add a leaf of triangles with these vertices, ascending; returns its moments: exact up to
-        second order, of the third what `local_quadratic` has."""
-        count, which = len(vertices), np.searchsorted(vertices, self.numbers[chosen])
-        weights = np.zeros((LEAF_VERTICES, 6))
-        np.add.at(weights, which.ravel(), self.shares[chosen].reshape(-1, 6))
-        places = np.empty((LEAF_VERTICES, 3))
-        places[:count] = self.points[vertices] - centre
-        places[count:] = places[0]
-        moments = weights.T @ monomials(places)
-        bends = np.zeros((6, QUADRATICS))
-        bends[:, :6] = (self.moments[chosen].sum(axis=0) - moments)[:, LINEAR : LINEAR + 6]
-        moments[:, LINEAR:] += bends[:, :6] @ local_quadratic(*middle)
-        triangles = np.zeros(LEAF_TRIANGLES, dtype=np.int64)
-        triangles[: len(chosen)] = triangle_codes(which)
-        self.leaves.append((places.T, weights.T, bends, middle, triangles))
-        return moments
+def _moment_table(nodes: Table, of_leaves: Array) -> Table:
+    """MOMENTS of the nodes: each one's are the sum of its two children's."""
+    moments = np.empty((len(nodes), 6, MONOMIALS))
+    add_up(nodes["leaf"].copy(), nodes["after"].copy(), of_leaves, moments)
+    table = np.zeros(len(nodes), MOMENTS)
+    table["linear"], table["bending"] = np.split(moments, [LINEAR], axis=2)
+    return table
+
+
+@kernel
+def add_up(leaf, after, of_leaves, moments_out):
+    """Moments (N, 6, M) of all nodes, which come in the order of a walk, from those of leaves."""
+    for n in range(leaf.size - 1, -1, -1):
+        if leaf[n] >= 0:
+            moments_out[n] = of_leaves[leaf[n]]
+        else:
+            moments_out[n] = moments_out[n + 1] + moments_out[after[n + 1]]
+
+
+def divided(
+    order: Integers, starts: Integers, centres: Array, corners: Array, numbers: Integers
+) -> tuple[Table, Integers, Integers]:
+    """Nodes of patches whose triangles are order[starts[i]:starts[i + 1]]: NODE rows in the order
+    of a walk, the spans (N, 2) of order that are theirs, and the first node (P + 1,) of each patch.
+    Sorts order, so that a node's triangles follow one another."""
+    most = 2 * len(order) + len(centres)
+    nodes, spans = np.zeros(most, NODE), np.zeros((most, 2), dtype=np.int64)
+    first = np.zeros(len(starts), dtype=np.int64)
+    count = divide(order, starts, centres, corners, numbers, nodes, spans, first)
+    return nodes[:count].copy(), spans[:count].copy(), first
+
+
+@kernel
+def divide(order, starts, centres, corners, numbers, nodes_out, spans_out, first_out):
+    """See `divided`; returns the number of nodes."""
+    pending = np.empty((128, 2), np.int64)
+    count, leaves = 0, 0
+    for p in range(centres.shape[0]):
+        begin = count
+        first_out[p] = begin
+        pending[0, 0], pending[0, 1], waiting = starts[p], starts[p + 1], 1
+        while waiting > 0:
+            waiting -= 1
+            start, end = pending[waiting, 0], pending[waiting, 1]
+            box_of(order[start:end], corners, centres[p], nodes_out, count)
+            spans_out[count, 0], spans_out[count, 1] = start, end
+            nodes_out[count].leaf = -1
+            if is_leaf(order[start:end], numbers):
+                nodes_out[count].leaf = leaves
+                leaves += 1
+            else:
+                size = end - start
+                parts = max(2, -(-size // LEAF_TRIANGLES))
+                near = start + size * (parts // 2) // parts  # so that leaves become full
+                halve(order[start:end], near - start, corners)
+                pending[waiting, 0], pending[waiting, 1] = near, end
+                pending[waiting + 1, 0], pending[waiting + 1, 1] = start, near
+                waiting += 2
+            count += 1
+        for n in range(count - 1, begin - 1, -1):
+            if nodes_out[n].leaf >= 0:
+                nodes_out[n].after = n + 1
+            else:
+                nodes_out[n].after = nodes_out[nodes_out[n + 1].after].after
+    first_out[centres.shape[0]] = count
+    return count
+
+
+@kernel
+def box_of(chosen, corners, centre, nodes_out, n):
+    """The box around triangles, from a patch's centre, into node n."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for t in chosen:
+        for c in range(3):
+            for x in range(3):
+                value = corners[t, c, x] - centre[x]
+                low[x], high[x] = min(low[x], value), max(high[x], value)
+    node = nodes_out[n]
+    node.x, node.half_x = 0.5 * (low[0] + high[0]), 0.5 * (high[0] - low[0])
+    node.y, node.half_y = 0.5 * (low[1] + high[1]), 0.5 * (high[1] - low[1])
+    node.z, node.half_z = 0.5 * (low[2] + high[2]), 0.5 * (high[2] - low[2])
+
+
+@kernel
+def is_leaf(chosen, numbers):
+    """Whether triangles, and their vertices, have room in a leaf."""
+    if chosen.size > LEAF_TRIANGLES:
+        return False
+    seen, count = np.empty(3 * LEAF_TRIANGLES, np.int64), 0
+    for t in chosen:
+        for c in range(3):
+            is_new = True
+            for i in range(count):
+                is_new = is_new and seen[i] != numbers[t, c]
+            if is_new:
+                seen[count] = numbers[t, c]
+                count += 1
+    return count <= LEAF_VERTICES
+
+
+@kernel
+def halve(chosen_out, near, corners):
+    """Sort triangles so that the first `near` of them lie on one side along the axis in which all
+    spread most; both sides keep their order."""
+    count = chosen_out.size
+    middles, mean = np.empty((count, 3)), np.zeros(3)
+    for i in range(count):
+        for x in range(3):
+            t = chosen_out[i]
+            middles[i, x] = corners[t, 0, x] + corners[t, 1, x] + corners[t, 2, x]
+            mean[x] += middles[i, x] / count
+    spread = np.zeros((3, 3))
+    for i in range(count):
+        for x in range(3):
+            middles[i, x] -= mean[x]
+        for x in range(3):
+            for y in range(3):
+                spread[x, y] += middles[i, x] * middles[i, y]
+    axis = widest_axis(spread)
+    along = np.empty(count)
+    for i in range(count):
+        along[i] = middles[i, 0] * axis[0] + middles[i, 1] * axis[1] + middles[i, 2] * axis[2]
+    places = np.argsort(along, kind="mergesort")
+    sorted_first, sorted_last = np.sort(places[:near]), np.sort(places[near:])
+    before = chosen_out.copy()
+    for i in range(near):
+        chosen_out[i] = before[sorted_first[i]]
+    for i in range(count - near):
+        chosen_out[near + i] = before[sorted_last[i]]
+
+
+@kernel
+def widest_axis(spread):
+    """The eigenvector (3,) of the largest eigenvalue of a matrix (3, 3), nearly: powers become a
+    multiple of the projection onto it."""
+    power = spread.copy()
+    for _ in range(AXIS_SQUARINGS):
+        largest = max(np.abs(power).max(), 1e-300)
+        scaled = power / largest
+        for x in range(3):
+            for y in range(3):
+                power[x, y] = (
+                    scaled[x, 0] * scaled[0, y]
+                    + scaled[x, 1] * scaled[1, y]
+                    + scaled[x, 2] * scaled[2, y]
+                )
+    best = 0
+    for x in range(1, 3):
+        if power[x, x] > power[best, best]:
+            best = x
+    return power[best]
 
 
 def joined(trees: Sequence[PatchTree]) -> PatchTree:

@@ -39,19 +39,19 @@ def monomials(d: Array) -> Array:
     return np.stack([np.ones_like(x), x, y, z, *second, *third], axis=-1)
 
 
-def local_quadratic(x: float, y: float, z: float) -> Array:
-    """Matrix (6, BENDING) that takes a polynomial's bending coefficients to the quadratic ones of
-    the same polynomial around the place x, y, z."""
-    return np.array(
-        [
-            [1, 0, 0, 0, 0, 0, 3 * x, y, z, 0, 0, 0, 0, 0, 0, 0],
-            [0, 1, 0, 0, 0, 0, 0, 2 * x, 0, 2 * y, z, 0, 0, 0, 0, 0],
-            [0, 0, 1, 0, 0, 0, 0, 0, 2 * x, 0, y, 2 * z, 0, 0, 0, 0],
-            [0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, 3 * y, z, 0, 0],
-            [0, 0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, 2 * y, 2 * z, 0],
-            [0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, x, 0, 0, y, 3 * z],
-        ]
-    )
+def local_quadratic(places: Array) -> Array:
+    """Matrices (N, 6, BENDING) that take a polynomial's bending coefficients to the quadratic ones
+    of the same polynomial around the places (N, 3)."""
+    x, y, z = places.T
+    found = np.zeros((len(places), 6, BENDING))
+    found[:, range(6), range(6)] = 1.0
+    for row, column, factor, at in (
+        (0, 6, 3, x), (0, 7, 1, y), (0, 8, 1, z), (1, 7, 2, x), (1, 9, 2, y), (1, 10, 1, z),
+        (2, 8, 2, x), (2, 10, 1, y), (2, 11, 2, z), (3, 9, 1, x), (3, 12, 3, y), (3, 13, 1, z),
+        (4, 10, 1, x), (4, 13, 2, y), (4, 14, 2, z), (5, 11, 1, x), (5, 14, 1, y), (5, 15, 3, z),
+    ):  # fmt: skip
+        found[:, row, column] = factor * at
+    return found
 
 
 @inline
