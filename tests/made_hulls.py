@@ -3,8 +3,6 @@
 import numpy as np
 import trimesh
 
-from sim.statics.wetted import clipped
-
 Mesh = trimesh.Trimesh
 
 
@@ -24,6 +22,32 @@ def joined(*meshes: Mesh) -> Mesh:
 def without_top(mesh: Mesh) -> Mesh:
     """Its faces that face straight up taken away."""
     return made(mesh.vertices, mesh.faces[mesh.face_normals[:, 2] < 0.99])
+
+
+def clipped(corners: np.ndarray) -> np.ndarray:
+    """The triangles (F, 3, 3) cut off at z = 0, those below."""
+    wet = corners[:, :, 2] < 0.0
+    count = wet.sum(axis=1)
+    pieces = [corners[count == 3]]
+    for alone in (1, 2):
+        cut, is_wet = corners[count == alone], wet[count == alone]
+        lone = (is_wet if alone == 1 else ~is_wet).argmax(axis=1)  # the corner on its own side
+        turn = (lone[:, None] + np.arange(3)) % 3
+        a, b, c = np.moveaxis(np.take_along_axis(cut, turn[:, :, None], axis=1), 1, 0)
+        ab, ac = _crossing(a, b), _crossing(a, c)
+        if alone == 1:
+            pieces.append(np.stack([a, ab, ac], axis=1))
+        else:
+            pieces += [np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)]
+    return np.concatenate(pieces)
+
+
+def _crossing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Points (N, 3) where the sides from a to b, on both sides of z = 0, cross it."""
+    share = (a[:, 2] / (a[:, 2] - b[:, 2]))[:, None]
+    point = a + share * (b - a)
+    point[:, 2] = 0.0
+    return point
 
 
 def capsule(radius: float, length: float, sections: int = 24) -> Mesh:
@@ -80,7 +104,7 @@ def half_hull() -> Mesh:
     """The port half of a capsule, open in the plane y = 0."""
     mesh = capsule(0.3, 2.0)
     swapped = mesh.vertices[mesh.faces][:, :, [0, 2, 1]] * [1.0, 1.0, -1.0]
-    half, _ = clipped(swapped)
+    half = clipped(swapped)
     vertices = (half * [1.0, 1.0, -1.0])[:, :, [0, 2, 1]].reshape(-1, 3)
     return made(vertices, np.arange(len(vertices)).reshape(-1, 3))
 

@@ -253,7 +253,7 @@ def _of_tree(scene: Afloat, tree: Tree, with_gz: bool) -> Hydrostatics:
 
 
 def _sinks(body: RigidFloat) -> bool:
-    return body.mass >= body.density * body.volume
+    return bool(body.mass >= body.density * body.volume)
 
 
 def _resting(tree: Tree) -> Attitude:

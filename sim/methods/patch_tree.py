@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry import area_vectors, distinct_points, sides, split_triangles
+from sim.geometry import area_vectors, cross, distinct_points, sides, split_triangles
 from sim.hull import Hull
 from sim.kernels import inline, kernel, record
 from sim.methods.linear import corner_shares
@@ -149,17 +149,30 @@ def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
     return _Builder(corners, radius).tree()
 
 
-def quadratic_moments(corners: Array, area_vectors: Array, centres: Array) -> Array:
-    """Moments (N, 6, 6) of second order of triangles (N, 3, 3), places d from centres."""
-    points, weights = gauss_rule(3)  # exact to degree 4; a quadratic's torque has 3
-    moments = np.zeros((len(corners), 6, 6))
-    for barycentric, weight in zip(points, weights, strict=True):
-        place = np.einsum("c,ncx->nx", barycentric, corners)
-        wrench = np.hstack([area_vectors, np.cross(place, area_vectors)])
-        x, y, z = (place - centres).T
-        second = np.stack([x * x, x * y, x * z, y * y, y * z, z * z], axis=1)
-        moments += weight * wrench[:, :, None] * second[:, None, :]
-    return moments
+@kernel
+def add_quadratic_moments(corners, which, centres, points, weights, moments_out):
+    """Add to moments (L, 6, 6) of second order those of triangles (N, 3, 3), each to that of its
+    leaf, places taken from the leaves' centres (L, 3); points, weights: of a Gauss rule."""
+    for t in range(corners.shape[0]):
+        leaf = which[t]
+        ax, ay, az = corners[t, 0, 0], corners[t, 0, 1], corners[t, 0, 2]
+        bx, by, bz = corners[t, 1, 0], corners[t, 1, 1], corners[t, 1, 2]
+        cx, cy, cz = corners[t, 2, 0], corners[t, 2, 1], corners[t, 2, 2]
+        sx, sy, sz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
+        for i in range(weights.size):
+            u, v, w, half = points[i, 0], points[i, 1], points[i, 2], 0.5 * weights[i]
+            px, py, pz = (
+                u * ax + v * bx + w * cx,
+                u * ay + v * by + w * cy,
+                u * az + v * bz + w * cz,
+            )
+            tx, ty, tz = cross(px, py, pz, sx, sy, sz)
+            x, y, z = px - centres[leaf, 0], py - centres[leaf, 1], pz - centres[leaf, 2]
+            second = (x * x, x * y, x * z, y * y, y * z, z * z)
+            wrench = (sx, sy, sz, tx, ty, tz)
+            for a in range(6):
+                for b in range(6):
+                    moments_out[leaf, a, b] += half * wrench[a] * second[b]
 
 
 def enclosing_ball(corners: Array, sizes: Array) -> tuple[Array, float]:
@@ -269,10 +282,11 @@ class _Builder:
         np.maximum.at(high, leaf_of, self.points[number] - centres[start][leaf_of])
         middles = 0.5 * (low + high)
         moments = weights @ monomials(places)
-        exact = quadratic_moments(self.corners[order], self.area_vectors[order], centres)
+        exact = np.zeros((len(spans), 6, 6))
+        rule = gauss_rule(3)  # exact to degree 4; a quadratic's torque has 3
+        add_quadratic_moments(self.corners[order], which, centres[start], *rule, exact)
         bends = np.zeros((len(spans), 6, QUADRATICS))
-        second = slice(LINEAR, LINEAR + 6)
-        bends[:, :, :6] = np.add.reduceat(exact, start) - moments[:, :, second]
+        bends[:, :, :6] = exact - moments[:, :, LINEAR : LINEAR + 6]
         moments[:, :, LINEAR:] += bends[:, :, :6] @ local_quadratic(middles)
         leaves = np.zeros(len(spans), LEAF)
         leaves["x"], leaves["y"], leaves["z"] = np.moveaxis(places, 2, 0)

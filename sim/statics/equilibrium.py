@@ -64,7 +64,7 @@ class RigidFloat:
     @cached_property
     def volume(self) -> float:
         """That the whole hulls displace [m^3]."""
-        return wetted_part(self.corners - [0.0, 0.0, 2.0 * self.size], self.displaced).volume
+        return self.wetted(Attitude(-2.0 * self.size, np.eye(3))).volume
 
     @property
     def weight(self) -> float:
@@ -72,8 +72,8 @@ class RigidFloat:
 
     def wetted(self, attitude: Attitude) -> Wetted:
         """What is under water, in world axes below the centre of mass, z from the level."""
-        placed = self.corners @ attitude.rotation.T
-        return wetted_part(placed + [0.0, 0.0, attitude.height], self.displaced)
+        shares = np.broadcast_to(np.asarray(self.displaced, dtype=float), len(self.corners))
+        return wetted_part(self.corners, shares, attitude.rotation, attitude.height)
 
     def stiffness(self, attitude: Attitude, wetted: Wetted) -> Array:
         """Hydrostatic stiffness (3, 3) [N/m, N, N m] in heave and in rotations about the world's x

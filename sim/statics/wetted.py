@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry import area_vectors, cone_volumes
+from sim.geometry import cross
+from sim.kernels import inline, kernel
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -38,50 +38,75 @@ class Wetted:
         return self.moment / self.volume if self.volume > 0.0 else np.zeros(3)
 
 
-def wetted_part(corners: Array, displaced: Array | float = 1.0) -> Wetted:
-    """The Wetted of closed surfaces of triangles, corners (F, 3, 3) [m], outward, z up from the
-    water's level. displaced (F,): over the volume that they enclose, the same for all of a surface.
-    """
-    below, which = clipped(corners)
-    share = displaced if np.isscalar(displaced) else displaced[which]
-    vectors = area_vectors(below)
-    surface = float(np.linalg.norm(vectors, axis=1).sum())
-    volumes, vectors = share * cone_volumes(below), np.reshape(share, (-1, 1)) * vectors
-    down, places = -vectors[:, 2], below[:, :, :2]
-    sums = places.sum(axis=1)
-    squares = np.einsum("f,fci,fcj->ij", down, places, places, optimize=True)
-    squares += np.einsum("f,fi,fj->ij", down, sums, sums, optimize=True)
-    return Wetted(
-        float(volumes.sum()),
-        volumes @ below.sum(axis=1) / 4.0,
-        surface,
-        float(down.sum()),
-        down @ sums / 3.0,
-        squares / 12.0,
-    )
+def wetted_part(corners: Array, displaced: Array, rotation: Array, height: float) -> Wetted:
+    """The Wetted of closed surfaces of triangles, corners (F, 3, 3) [m], outward, turned by a
+    rotation (3, 3) and then lifted by a height [m], z up from the water's level. displaced (F,):
+    over the volume that they enclose, the same for all of a surface."""
+    s = np.zeros(SUMS)
+    add_wetted(corners, displaced, np.ascontiguousarray(rotation).reshape(9), float(height), s)
+    squares = np.array([[s[7], s[8]], [s[8], s[9]]]) / 12.0
+    volume, waterplane, surface = map(float, s[[0, 4, 10]])
+    return Wetted(volume, s[1:4] / 4.0, surface, waterplane, s[5:7] / 3.0, squares)
 
 
-def clipped(corners: Array) -> tuple[Array, Indices]:
-    """The triangles (F, 3, 3) cut off at z = 0, those below, and which (F,) they are from."""
-    wet = corners[:, :, 2] < 0.0
-    count = wet.sum(axis=1)
-    pieces, which = [corners[count == 3]], [np.flatnonzero(count == n) for n in (3, 1, 2, 2)]
-    for alone in (1, 2):
-        cut, is_wet = corners[count == alone], wet[count == alone]
-        lone = (is_wet if alone == 1 else ~is_wet).argmax(axis=1)  # the corner on its own side
-        turn = (lone[:, None] + np.arange(3)) % 3
-        a, b, c = np.moveaxis(np.take_along_axis(cut, turn[:, :, None], axis=1), 1, 0)
-        ab, ac = _crossing(a, b), _crossing(a, c)
-        if alone == 1:
-            pieces.append(np.stack([a, ab, ac], axis=1))
+SUMS = 11
+"""Numbers that `add_wetted` adds up."""
+
+
+@inline
+def add_piece(ax, ay, az, bx, by, bz, cx, cy, cz, share, sums_out):
+    """Add what a wetted triangle a, b, c contributes."""
+    nx, ny, nz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
+    px, py, pz = cross(bx, by, bz, cx, cy, cz)
+    x, y = ax + bx + cx, ay + by + cy
+    volume, down = share * (ax * px + ay * py + az * pz) / 6.0, -0.5 * share * nz
+    sums_out[0] += volume
+    sums_out[1] += volume * x
+    sums_out[2] += volume * y
+    sums_out[3] += volume * (az + bz + cz)
+    sums_out[4] += down
+    sums_out[5] += down * x
+    sums_out[6] += down * y
+    sums_out[7] += down * (ax * ax + bx * bx + cx * cx + x * x)
+    sums_out[8] += down * (ax * ay + bx * by + cx * cy + x * y)
+    sums_out[9] += down * (ay * ay + by * by + cy * cy + y * y)
+    sums_out[10] += 0.5 * np.sqrt(nx * nx + ny * ny + nz * nz)
+
+
+@kernel
+def add_wetted(corners, displaced, rotation, height, sums_out):
+    """Sums (SUMS,) over the wetted parts of triangles: see `wetted_part`."""
+    r, p = rotation, np.empty((3, 3))
+    for t in range(corners.shape[0]):
+        wet = 0
+        for c in range(3):
+            x, y, z = corners[t, c, 0], corners[t, c, 1], corners[t, c, 2]
+            p[c, 0] = r[0] * x + r[1] * y + r[2] * z
+            p[c, 1] = r[3] * x + r[4] * y + r[5] * z
+            p[c, 2] = r[6] * x + r[7] * y + r[8] * z + height
+            wet += p[c, 2] < 0.0
+        if wet == 0:
+            continue
+        a = 0
+        if wet != 3:  # the corner that is on its own side comes first
+            for c in range(3):
+                if (p[c, 2] < 0.0) == (wet == 1):
+                    a = c
+        b, c, share = (a + 1) % 3, (a + 2) % 3, displaced[t]
+        ax, ay, az = p[a, 0], p[a, 1], p[a, 2]
+        bx, by, bz, cx, cy, cz = p[b, 0], p[b, 1], p[b, 2], p[c, 0], p[c, 1], p[c, 2]
+        if wet == 3:
+            add_piece(ax, ay, az, bx, by, bz, cx, cy, cz, share, sums_out)
+            continue
+        u, v = az / (az - bz), az / (az - cz)
+        dx, dy, ex, ey = (
+            ax + u * (bx - ax),
+            ay + u * (by - ay),
+            ax + v * (cx - ax),
+            ay + v * (cy - ay),
+        )
+        if wet == 1:
+            add_piece(ax, ay, az, dx, dy, 0.0, ex, ey, 0.0, share, sums_out)
         else:
-            pieces += [np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)]
-    return np.concatenate(pieces), np.concatenate(which)
-
-
-def _crossing(a: Array, b: Array) -> Array:
-    """Points (N, 3) where the sides from a to b, on both sides of z = 0, cross it."""
-    share = (a[:, 2] / (a[:, 2] - b[:, 2]))[:, None]
-    point = a + share * (b - a)
-    point[:, 2] = 0.0
-    return point
+            add_piece(dx, dy, 0.0, bx, by, bz, cx, cy, cz, share, sums_out)
+            add_piece(dx, dy, 0.0, cx, cy, cz, ex, ey, 0.0, share, sums_out)
