@@ -14,7 +14,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from itertools import chain
 from pathlib import Path
 from time import monotonic
@@ -28,8 +28,8 @@ SAME_SIGNAL = 0.5
 
 NO_WIDTHS: Mapping[str, int] = MappingProxyType({})
 
-COMPILING_NOTICE_AFTER = 3.0
-"""Seconds after which loading a scene can only mean that kernels are being compiled."""
+COMPILING_NOTICE_AFTER = 1.0
+"""Seconds of compiling after which it is worth a line."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -62,36 +62,37 @@ def at_least(lowest: int) -> Callable[[str], int]:
 
 @contextmanager
 def compiling_notice(quiet: bool) -> Iterator[None]:
-    """Say that kernels are being compiled if what happens in the block takes long enough for it."""
+    """Say that kernels are being compiled if they are in the block, and for long enough."""
+    from sim.kernels import when_compiling
 
     def say() -> None:
         print("compiling the kernels; this is done once and kept ...", file=sys.stderr, flush=True)
 
     timer = threading.Timer(COMPILING_NOTICE_AFTER, say)
-    if not quiet:
-        timer.start()
     try:
-        yield
+        with nullcontext() if quiet else when_compiling(timer.start):
+            yield
     finally:
         timer.cancel()
 
 
 @contextmanager
 def notes_said(prog: str, quiet: bool = False) -> Iterator[None]:
-    """Say what the block warns of in one line each on stderr, the same only once."""
-    with warnings.catch_warnings():
+    """Say what the block warned of at its end, in one line each on stderr, the same only once; not
+    if the block fails, unless by the faults of a model, which notes may explain."""
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         warnings.filterwarnings("always", category=UserWarning)
-        said: set[str] = set()
-
-        def show(message: Warning | str, *rest: object) -> None:
-            text = " ".join(str(message).split())
-            if text not in said and not quiet:
-                print(f"{prog}: note: {text}", file=sys.stderr, flush=True)
-            said.add(text)
-
-        warnings.showwarning = show
-        yield
+        is_worth_it = not quiet
+        try:
+            yield
+        except Exception as error:
+            is_worth_it = is_worth_it and hasattr(error, "faults")
+            raise
+        finally:
+            notes = dict.fromkeys(" ".join(str(w.message).split()) for w in caught)
+            for note in notes if is_worth_it else ():
+                print(f"{prog}: note: {note}", file=sys.stderr, flush=True)
 
 
 def say_errors(prog: str, error: Exception) -> None:

@@ -82,7 +82,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 def load(options: argparse.Namespace) -> Scene:
     """Load the scene and compute everything once, which compiles the kernels."""
-    with compiling_notice(options.quiet), notes_said("run.py", options.quiet):
+    with compiling_notice(options.quiet):
         scene = Scene.load(
             options.scene,
             options.method,
@@ -193,10 +193,11 @@ def main(arguments: list[str] | None = None) -> int:
         recording = options.record or Path("recordings") / f"{options.scene.stem}.rrd"
     with ExitStack() as stack:
         try:
-            scene = load(options)
-            check_writable(options.json)
-            received = stack.enter_context(stop_signals())
-            recorder = open_recorder(recording, scene, options)
+            with notes_said("run.py", options.quiet):
+                scene = load(options)
+                check_writable(options.json)
+                received = stack.enter_context(stop_signals())
+                recorder = open_recorder(recording, scene, options)
         except (ValueError, OSError) as error:
             say_errors("run.py", error)
             return UNUSABLE_INPUT

@@ -17,7 +17,8 @@ What holds for every kernel of the package:
 """
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -26,6 +27,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit, typeof, types
+from numba.core import event
 from numba.core.ccallback import CFunc
 from numpy.typing import NDArray
 
@@ -136,6 +138,27 @@ def summing_kernel(function: Kernel) -> Kernel:
 
 inline = njit(inline="always")
 """Compile a function into each kernel that calls it."""
+
+
+@contextmanager
+def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
+    """Call `tell` when the first kernel begins to be compiled in a block; one that is found among
+    those that are kept is not."""
+    with event.install_listener("numba:compile", _FirstOne(tell)):
+        yield
+
+
+class _FirstOne(event.Listener):
+    def __init__(self, tell: Callable[[], None]) -> None:
+        self._tell: Callable[[], None] | None = tell
+
+    def on_start(self, begun: event.Event) -> None:
+        tell, self._tell = self._tell, None
+        if tell is not None:
+            tell()
+
+    def on_end(self, ended: event.Event) -> None:
+        pass
 
 
 def record(**fields: Any) -> np.dtype:

@@ -6,9 +6,10 @@ import sys
 
 import numpy as np
 import pytest
+from numba import njit
 
 from independent import REPOSITORY
-from sim.kernels import kernel, packed, record, table
+from sim.kernels import kernel, packed, record, table, when_compiling
 
 PAIR = record(name="i8", numbers=("f8", 3))
 SINGLE = record(value="f4")
@@ -75,3 +76,19 @@ def test_what_other_sources_left_in_the_cache_is_not_looked_at(tmp_path):
         run = [sys.executable, "-c", "from made import run; print(run())"]
         done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
         assert done.stdout == "42\n", done.stderr
+
+
+def test_compiling_is_told_when_it_happens_and_only_then():
+    told = []
+    with when_compiling(lambda: told.append(1)):
+
+        @njit  # not kept
+        def twice(x):
+            return 2.0 * x
+
+        assert told == []
+        assert twice(1.5) == 3.0
+        assert told == [1]
+        assert twice(2.5) == 5.0
+        assert twice(1) == 2.0  # compiled once more, but told once
+    assert told == [1]
