@@ -4,6 +4,7 @@
     python scripts/speed_vs_error.py --quick
     python scripts/speed_vs_error.py --sources
     python scripts/speed_vs_error.py --steps
+    python scripts/speed_vs_error.py --loading
 
 Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C, with the rows until then printed.
 """
@@ -36,6 +37,7 @@ import trimesh
 
 from sim import Hull, Reference
 from sim.measure.accuracy import CHANGES, speeds_and_errors, wrenches
+from sim.measure.loading import loading_times
 from sim.measure.seas import SEAS, waterline_poses
 from sim.measure.sources import DURATION, FALL, error_sources
 from sim.measure.steps import step_costs
@@ -109,6 +111,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
                         help="measure other sources of error instead")  # fmt: skip
     parser.add_argument("--steps", action="store_true",
                         help="measure whole mj_steps and batches instead")  # fmt: skip
+    parser.add_argument("--loading", action="store_true",
+                        help="measure how long hulls take to load instead")  # fmt: skip
     options = parser.parse_args(arguments)
     if options.quick:
         for name, value in QUICK.items():
@@ -336,12 +340,28 @@ def report_steps(options: argparse.Namespace) -> int:
     return 0
 
 
+def report_loading(options: argparse.Namespace) -> int:
+    """The same for the time and memory that hulls take to load: the bunny, ever finer."""
+    sea = SEAS["three"].with_pressure(options.pressure)
+    rows = list(loading_times(_load("bunny"), sea, 2 if options.quick else 4))
+    write_json(options.json, {"loading": rows})
+    names = ("hull_s", "patches_s", "finer_s")
+    cells = [
+        (f"{row['faces']:,}", *(f"{row[n]:.2f}" for n in names), f"{row['memory_mb']:.0f}")
+        for row in rows
+    ]
+    print_table(("faces", "hull s", "patches s", "a tenth s", "memory MB"), cells)
+    return 0
+
+
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check_outputs(options)
         if options.steps:
             return report_steps(options)
+        if options.loading:
+            return report_loading(options)
         return report_sources(options) if options.sources else report_rows(options)
     except BrokenPipeError:
         raise
