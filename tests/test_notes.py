@@ -207,6 +207,16 @@ def test_overlaps_of_a_body_count_once_unless_switched_off():
         assert len(Buoyancy.from_model(model(OVERLAP, ("cube", "keel"), other)).floats) == 2
 
 
+def test_overlaps_that_cannot_be_one_surface_stay_apart_and_are_noted():
+    """Two boxes that touch along an edge, and a third in both of them elsewhere."""
+    box = '<geom name="{}" type="box" size="0.5 0.5 {}" pos="{}" density="100"/>'
+    geoms = box.format("a", 0.5, "0 0 0") + box.format("b", 0.5, "1 1 0")
+    third = '<geom name="c" type="box" size="0.4 0.4 0.1" pos="0.5 0.5 0" density="100"/>'
+    compiled = model(f"<body><freejoint/>{geoms}{third}</body>", ("a", "b", "c"))
+    with pytest.warns(Note, match="'a', 'b' and 'c' overlap.*cannot be united"):
+        assert len(Buoyancy.from_model(compiled).floats) == 3
+
+
 def test_a_united_geom_that_moves_on_its_body_is_refused():
     compiled = model(OVERLAP, ("cube", "keel"))
     buoyancy, data = Buoyancy.from_model(compiled), mujoco.MjData(compiled)

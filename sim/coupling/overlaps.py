@@ -57,18 +57,24 @@ def united_shapes(model: mujoco.MjModel, shapes: Sequence[Shape]) -> tuple[list[
             continue
         placed = [shape.hull.moved(*_on_body(model, shape.geoms[0])) for shape in members]
         for group in overlapping(np.array([hull.bounds for hull in placed])):
-            one = united([placed[i] for i in group])
+            names = [members[i].name for i in group]
+            try:
+                one = united([placed[i] for i in group])
+            except ValueError as error:
+                one = None
+                notes.append(
+                    f"{_many(names)} overlap, count that water twice and cannot be united: {error}"
+                )
             if one is None:
                 found += [members[i] for i in group]
                 continue
             hull, twice = one
             turn, place = _on_body(model, members[group[0]].geoms[0])
             own = hull.moved(turn.T, -turn.T @ place)
-            name = " + ".join(members[i].name for i in group)
             geoms = tuple(g for i in group for g in members[i].geoms)
-            found.append(replace(members[group[0]], geoms=geoms, name=name, hull=own))
+            found.append(replace(members[group[0]], geoms=geoms, name=" + ".join(names), hull=own))
             notes.append(
-                f"{_many([members[i].name for i in group])} overlap and are one hull: by "
+                f"{_many(names)} overlap and are one hull: by "
                 f"themselves they would count {_share(twice, hull.volume)} of its volume twice "
                 "(numeric 'buoyancy_union' 0 leaves them alone)"
             )
@@ -110,7 +116,10 @@ def _overlaps(
         for i, j in combinations(group, 2):
             a, b = placed[i].bounds, placed[j].bounds
             if (a[0] < b[1]).all() and (b[0] < a[1]).all():
-                shared = shared_volume(placed[i], placed[j])
+                try:
+                    shared = shared_volume(placed[i], placed[j])
+                except ValueError:
+                    continue  # unknown
                 if shared > NOTED * min(placed[i].volume, placed[j].volume):
                     yield shapes[i], shapes[j], shared
 
@@ -125,7 +134,7 @@ def _many(names: Sequence[str]) -> str:
     shown = [f"'{name}'" for name in names[:MENTIONED]]
     if len(names) > MENTIONED:
         return f"{', '.join(shown)} and {len(names) - MENTIONED} more"
-    return " and ".join(shown)
+    return f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
 def _share(part: float, whole: float) -> str:

