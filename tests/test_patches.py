@@ -368,3 +368,18 @@ def test_same_input_same_bits():
     pose = random_poses(1, seed=50)[0]
     first = Patches(hull, sea).wrench(*pose)
     np.testing.assert_array_equal(first, Patches(hull, sea).wrench(*pose))
+
+
+def test_ripples_far_below_the_tolerance_cost_no_triangles():
+    """Of a hundredth of the swell's length and 4 % of the tolerance: as many triangles as without
+    them, and the wrench within what they are high."""
+    hull, tolerance = Hull.from_trimesh(trimesh.creation.box(extents=(10.0, 2.0, 1.0))), 0.02
+    swell, ripples = Wave(0.3, 10.0), [Wave(2e-4, 0.1, 0.4), Wave(2e-4, 0.13, -0.9)]
+    smooth, rippled = (Patches(hull, Sea([swell, *more]), tolerance) for more in ([], ripples))
+    triangles = [int((p.tree.leaves["triangles"] != 0).sum()) for p in (smooth, rippled)]
+    assert triangles[1] <= 1.2 * triangles[0]
+    assert len(rippled.tree.patches) < 100  # of the size of the ripples it would be thousands
+    position, rotation = np.array([0.3, 0.1, 0.05]), random_rotation(np.random.default_rng(3))
+    truth = Reference(hull, rippled.sea, 1e-6).wrench(position, rotation, 0.7)
+    force = rippled.wrench(position, rotation, 0.7) - truth
+    assert np.linalg.norm(force[:3]) < tolerance * DENSITY * GRAVITY * 20.0

@@ -45,6 +45,9 @@ DIRECTIONS, RINGS = 8, (0.25, 0.5, 0.75, 1.0)
 DIPS = tuple(np.radians([-90.0, -45.0, 0.0, 45.0]))
 """Slopes of these directions, where jets are tried below the surface."""
 
+RIPPLES = 0.1
+"""Part of a tolerance that waves too low to be worth any triangles may take."""
+
 RADII = 20
 """Radii that are tried at most: a tolerance near round-off is met by none, and the number of
 triangles it asks for is refused."""
@@ -213,12 +216,26 @@ def cubic(jets: Table, dx: float, dy: float) -> Array:
     return height
 
 
+def without_ripples(sea: Sea, tolerance: float) -> tuple[Sea, float]:
+    """A sea without the lowest of its waves, as many as are together no higher than the part
+    RIPPLES of a tolerance [m], and what they leave of that [m]."""
+    waves = sorted(sea.waves, key=lambda wave: wave.amplitude)
+    heights = 2.0 * np.cumsum([wave.amplitude for wave in waves])
+    count = int(np.count_nonzero(heights <= RIPPLES * tolerance))
+    if count == 0:
+        return sea, tolerance
+    calmer = Sea(waves[count:], sea.density, sea.gravity, sea.level, sea.pressure)
+    return calmer, tolerance - float(heights[count - 1])
+
+
 def longest_edge(sea: Sea, tolerance: float) -> float:
     """Edge [m] up to which a surface linear over a triangle is right to the tolerance [m].
 
     Linear interpolation within a circle of radius r misses M r^2 / 2, M being the largest second
     derivative (of the samples, times SAFETY), and r is at most the edge over the root of 3.
+    Ripples, which miss no more than their height, are left out.
     """
+    sea, tolerance = without_ripples(sea, tolerance)
     if not sea.components.size:
         return np.inf
     x, y = sample_places(sea)
