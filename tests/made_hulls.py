@@ -134,6 +134,13 @@ def open_boat(thickness: float = 0.05) -> Mesh:
     return made(tub.vertices, tub.faces)
 
 
+def two_cells() -> Mesh:
+    """Two boxes that share a wall, drawn with both its sides, vertices merged."""
+    both = joined(box([1.0, 1.0, 1.0], [-0.5, 0.0, 0.0]), box([1.0, 1.0, 1.0], [0.5, 0.0, 0.0]))
+    both.merge_vertices()
+    return made(both.vertices, both.faces)
+
+
 VOLUMES = {
     "open catamaran": (open_catamaran, 2 * 4.0 * 0.4 * 0.4 + 0.1 * 0.1 * 2.4),
     "seven rims": (seven_rims, 8 * 0.5),

@@ -83,6 +83,28 @@ def test_a_sheet_is_a_fault_with_its_place():
     assert "(5.5, 0.5, 0)" in found.faults[0]
 
 
+def test_cells_that_share_a_wall_become_one():
+    found = repair(*of(made_hulls.two_cells()))
+    assert found.faults == ()
+    assert "inner walls dropped" in " ".join(found.done)
+    assert found.hull.volume == pytest.approx(2.0, rel=1e-5)
+
+
+def test_what_cannot_be_closed_is_a_fault_with_its_place():
+    """A band with a half turn has no outside."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 30, endpoint=False)
+    places = [
+        (1 + s * np.cos(t / 2)) * np.array([np.cos(t), np.sin(t), 0]) + [0, 0, s * np.sin(t / 2)]
+        for t in angles for s in (-0.3, 0.3)
+    ]  # fmt: skip
+    onward = [*range(2, 60), 1, 0]
+    faces = [[i, i + 1, onward[i]] for i in range(0, 60, 2)]
+    faces += [[i + 1, onward[i + 1], onward[i]] for i in range(0, 60, 2)]
+    found = repair(np.array(places), np.array(faces))
+    assert found.hull is None
+    assert "it cannot be closed around (" in found.faults[0]
+
+
 def test_an_open_boat_is_decked_at_its_lowest_gunwale():
     thickness = 0.05
     boat = Hull.from_trimesh(made_hulls.open_boat(thickness))

@@ -6,6 +6,7 @@ edges parted, each part wound one way, mirrored if half a hull is asked to be wh
 capped by itself, each part turned outward (but a cavity in another), parts that overlap united.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -51,7 +52,7 @@ def repair(vertices: Array, faces: Indices, mirror: bool = False) -> Repaired:
         vertices, faces = _mirrored(vertices, faces, size, done)
         vertices, faces = _merged(vertices, faces, size, [])
     parts, rims = [], 0
-    for part in _parted(faces, done):
+    for part in _parted(vertices, faces, size, done):
         whole, count = _capped(vertices, wound_alike(part))
         parts.append(whole)
         rims += count
@@ -141,13 +142,33 @@ def _mirrored(
     return both, np.concatenate([faces, faces[:, ::-1] + len(vertices)])
 
 
-def _parted(faces: Indices, done: list[str]) -> list[Indices]:
-    """The faces part by part, where sheets meet at a crowded edge each by itself."""
-    crowded = int(np.count_nonzero(edges_of(faces).count > 2))
-    label = parts_of(faces)
-    if crowded:
-        done.append(f"{crowded} crowded edges parted")
-    return [faces[label == part] for part in range(int(label.max()) + 1)]
+def _parted(vertices: Array, faces: Indices, size: float, done: list[str]) -> list[Indices]:
+    """The faces part by part, where sheets meet at crowded edges each by itself, without inner
+    walls: those sheets that end at such edges all around and hold nothing when they are capped."""
+    edges, label = edges_of(faces), parts_of(faces)
+    parts = [faces[label == part] for part in range(int(label.max()) + 1)]
+    crowded = edges.vertices[edges.count > 2]
+    if len(crowded) == 0:
+        return parts
+    done.append(f"{len(crowded)} crowded edges parted")
+    known = set(map(tuple, crowded.tolist()))
+    outer = [part for part in parts if not _is_wall(vertices, part, size, known)]
+    if len(outer) < len(parts):
+        done.append(f"{len(parts) - len(outer)} inner walls dropped")
+    return outer
+
+
+def _is_wall(vertices: Array, part: Indices, size: float, crowded: set[tuple[int, ...]]) -> bool:
+    edges = edges_of(part)
+    rim = edges.vertices[edges.count == 1].tolist()
+    if not rim or not all(tuple(edge) in crowded for edge in rim):
+        return False
+    return _is_sheet(vertices, _capped(vertices, wound_alike(part))[0], size)
+
+
+def _is_sheet(vertices: Array, part: Indices, size: float) -> bool:
+    area = areas(vertices[part]).sum()
+    return abs(signed_volume(vertices, part)) <= THIN * area * size
 
 
 def _capped(vertices: Array, faces: Indices) -> tuple[Indices, int]:
@@ -184,20 +205,19 @@ def _assembled(vertices: Array, parts: list[Indices], done: list[str]) -> Repair
     """The parts turned outward and united as one hull."""
     size, kept, sheets, turned = size_of(vertices), [], [], 0
     for part in parts:
-        volume, area = signed_volume(vertices, part), areas(vertices[part]).sum()
-        if abs(volume) <= THIN * area * size:
+        if _is_sheet(vertices, part, size):
             sheets.append(vertices[part].reshape(-1, 3).mean(axis=0))
             continue
+        volume = signed_volume(vertices, part)
         turned += volume < 0.0
         kept.append(part if volume > 0.0 else part[:, ::-1])
     if turned:
         done.append(f"{turned} parts turned outward")
     faults = []
     if sheets:
-        where = " and ".join("({:.4g}, {:.4g}, {:.4g})".format(*place) for place in sheets[:3])
         faults.append(
-            f"{len(sheets)} of {len(parts)} parts are sheets that enclose nothing, around {where}: "
-            "give them thickness or take them away"
+            f"{len(sheets)} of {len(parts)} parts are sheets that enclose nothing, around "
+            f"{_listed(sheets)}: give them thickness or take them away"
         )
     if not kept:
         return Repaired(None, tuple(done), (*faults, "nothing encloses a volume"))
@@ -205,13 +225,26 @@ def _assembled(vertices: Array, parts: list[Indices], done: list[str]) -> Repair
     try:
         hull, twice = _one_hull(vertices, kept)
     except ValueError as error:
-        return Repaired(None, tuple(done), (*faults, f"it cannot be closed: {error}"))
+        where = _places_of_trouble(vertices, kept)
+        return Repaired(None, tuple(done), (*faults, f"it cannot be closed{where}: {error}"))
     if twice > 0.0:
         done.append(f"overlaps united: {twice:.4g} m^3 were counted twice")
     change = abs(hull.volume / (expected - twice) - 1.0)
     if change > MOST_CHANGE:
         faults.append(f"the volume changed by {100.0 * change:.2g} %")
     return Repaired(hull, tuple(done), tuple(faults))
+
+
+def _places_of_trouble(vertices: Array, parts: list[Indices]) -> str:
+    """Where edges have not two faces, in words; "" where all have."""
+    edges = edges_of(np.concatenate(parts))
+    places = vertices[edges.vertices[edges.count != 2]].mean(axis=1)
+    return f" around {_listed(places)}" if len(places) else ""
+
+
+def _listed(places: Sequence[Array]) -> str:
+    """The first of some places (3,) [m]."""
+    return " and ".join("({:.4g}, {:.4g}, {:.4g})".format(*place) for place in places[:3])
 
 
 def _one_hull(vertices: Array, parts: list[Indices]) -> tuple[Hull, float]:
