@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scenes import CUBE, model
 
-from independent import DENSITY, GRAVITY, meshes, random_poses, three_waves
+from independent import DENSITY, GRAVITY, load_mesh, meshes, random_poses, three_waves
 from sim import Chord, Hull, Linear, Patches, Reference, Scene, Sea, simulate
 from sim.methods import METHODS, Method, Place, make_method
 from sim.methods.method import Part, Shared
@@ -141,3 +141,39 @@ def test_a_forked_process_has_helpers_of_its_own():
             os._exit(status)
     assert os.waitpid(child, 0)[1] == 0
     batch.write_wrenches(empty, empty, 0.0, empty)
+
+
+EVERY = [lambda h, s: Linear(h, s), lambda h, s: Chord(h, s), lambda h, s: Patches(h, s),
+         lambda h, s: Reference(h, s, 1e-5)]  # fmt: skip
+
+
+@pytest.mark.parametrize("make", EVERY, ids=["linear", "chord", "patches", "reference"])
+@pytest.mark.parametrize("sea", [Sea(), three_waves()], ids=["calm", "waves"])
+def test_all_methods_answer_alike_what_is_no_pose(make, sea):
+    method, level = make(Hull.from_trimesh(load_mesh("bunny")), sea), np.eye(3)
+    assert np.isfinite(method.wrench([0, 0, 0], level.ravel(), 0.0)).all()
+    for position in ([0, 0], [0, 0, 0, 0], [0.1], [[0, 0, 0]], 1.0):
+        with pytest.raises(ValueError, match=r"position has shape .*expected \(3,\)"):
+            method.wrench(position, level, 0.0)
+    with pytest.raises(ValueError, match=r"rotation has shape .*expected \(3, 3\) or \(9,\)"):
+        method.wrench([0, 0, 0], [1.0, 0.0, 0.0, 0.0], 0.0)
+    sheared = level + [[0, 1e-3, 0], [0, 0, 0], [0, 0, 0]]
+    for rotation in (np.diag([1.0, 1.0, -1.0]), 1.001 * level, sheared, np.zeros((3, 3))):
+        with pytest.raises(ValueError, match="rotation mirrors, shears or scales"):
+            method.wrench([0, 0, 0], rotation, 0.0)
+    for bad in (np.nan, np.inf, -np.inf):
+        assert np.isnan(method.wrench([0, 0, bad], level, 0.0)).all()
+        assert np.isnan(method.wrench([bad, 0, 0], level, 0.0)).all()
+        assert np.isnan(method.wrench([0, 0, 0], level, bad)).all()
+    assert np.isnan(method.wrench([0, 0, 0], np.full((3, 3), np.nan), 0.0)).all()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_hull_of_a_batch_with_no_pose_is_nan_and_the_others_are_not(threads):
+    methods = [Patches(Hull.from_trimesh(load_mesh("bunny")), three_waves())] * 3
+    batch = Patches.batch(methods, [Place(i, i) for i in range(3)], threads)
+    positions, rotations = np.zeros((3, 3)), np.tile(np.eye(3).ravel(), (3, 1))
+    positions[1, 2], wrenches = np.nan, np.empty((3, 6))
+    batch.write_wrenches(positions, rotations, 0.0, wrenches)
+    assert np.isnan(wrenches[1]).all()
+    assert np.isfinite(wrenches[[0, 2]]).all()

@@ -143,7 +143,7 @@ def test_deep_and_dry_hulls():
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan])
 def test_refuses_a_tolerance_that_cannot_be(tolerance):
-    with pytest.raises(ValueError, match=r"tolerance is .*above 0"):
+    with pytest.raises(ValueError, match=r"tolerance is .*or more"):
         Reference(Hull.from_trimesh(BARGE), Sea(), tolerance)
 
 
@@ -151,3 +151,11 @@ def test_says_so_when_the_tolerance_is_out_of_reach():
     method = Reference(Hull.from_trimesh(BARGE), three_waves(), halvings=3)
     with pytest.raises(RuntimeError, match=r"did not converge to 1e-09 .* 3 halvings"):
         method.wrench([0, 0, 0], np.eye(3), 0.0)
+
+
+def test_what_would_not_end_is_refused():
+    hull = Hull.from_trimesh(trimesh.creation.box())
+    with pytest.raises(ValueError, match="1e-14 or more"):
+        Reference(hull, Sea(), 1e-30)
+    with pytest.raises(RuntimeError, match=r"so far off.*leave the wrench open to.*tolerance of"):
+        Reference(hull, three_waves(), 1e-9).wrench([0, 0, 0], np.eye(3), 1e14)

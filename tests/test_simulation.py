@@ -239,3 +239,27 @@ def test_the_submerged_volume_is_that_in_the_sea_as_it_runs_under_another_gravit
         mujoco.mj_kinematics(scene.model, scene.data)
         volumes.append(buoyancy.submerged_volumes(scene.data)[0])
     assert volumes[0] == pytest.approx(volumes[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("what", ["time", "qpos", "qvel"])
+def test_a_keyframe_that_is_not_finite_is_refused(what):
+    numbers = {"time": "0", "qpos": "0 0 0 1 0 0 0", "qvel": "0 0 0 0 0 0"}
+    key = " ".join(f'{name}="{value}"' for name, value in numbers.items())
+    compiled = model(extra=f'<keyframe><key name="start" {key}/></keyframe>')
+    getattr(compiled, f"key_{what}")[:] = np.nan
+    with pytest.raises(ValueError, match=f"keyframe 'start': its {what} has a number that is not"):
+        Scene.from_model(compiled)
+
+
+def test_a_time_that_is_not_finite_is_a_divergence_with_its_cause():
+    scene = Scene.from_model(model(custom=WAVES))
+    scene.data.time = np.nan
+    with scene.buoyancy.installed():
+        mujoco.mj_forward(scene.model, scene.data)
+    assert np.isnan(scene.data.xfrc_applied[1]).all()
+    scene = Scene.from_model(model(custom=WAVES))
+    run = simulate(scene, 1.0)
+    next(run)
+    scene.data.time = np.nan
+    with pytest.raises(DivergenceError, match=r"its time is not finite; set data\.time"):
+        list(run)

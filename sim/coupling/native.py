@@ -38,6 +38,7 @@ from sim.addresses import (
 from sim.coupling.layout import LAYOUT
 from sim.geometry import cross
 from sim.kernels import c_function, c_query, inline, kernel, record, table
+from sim.methods.method import is_known
 from sim.resistance.drag import SURFACE, Flow, Pose
 from sim.resistance.reaction import HULL, REACTION, hull_reaction
 from sim.water.gerstner import WATER, WAVE
@@ -246,6 +247,10 @@ def push(context, model, data, wrenches_out):
         block = bytes_at(part.block, (part.block_size,))
         items = records_at(part.places, part.count, part.size)
         call_kernel(part.kernel, block, items, places, turns, time, wrenches_out)
+    floats = table(block_of(context), 0, FLOAT)
+    for f in range(floats.size):
+        if not is_known(places[floats[f].geom], turns[floats[f].geom], time):
+            wrenches_out[floats[f].hull] = np.nan
 
 
 @kernel

@@ -71,6 +71,7 @@ class Scene:
         data = mujoco.MjData(model)
         if model.nkey:
             mujoco.mj_resetDataKeyframe(model, data, 0)
+            _check_finite(model, data)
         mujoco.mj_forward(model, data)
         scene = cls(name, model, data, buoyancy)
         say(notes_about_start(scene))
@@ -83,3 +84,13 @@ class Scene:
         with self.buoyancy.installed():
             mujoco.mj_forward(self.model, spare)
         self.buoyancy.reset_clock()
+
+
+def _check_finite(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Refuse a first keyframe with numbers that are not finite: MuJoCo would take others."""
+    name = model.key(0).name
+    for what in ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
+        if not np.isfinite(getattr(data, what)).all():
+            raise ModelError(
+                [f"keyframe '{name}': its {what} has a number that is not finite; correct it"]
+            )

@@ -110,6 +110,9 @@ def _advance(scene: Scene, steps: int, start: Array) -> None:
     before, counts = np.empty(mujoco.mj_stateSize(model, RESUMABLE)), data.warning.number
     counts_before = counts.copy()
     mujoco.mj_getState(model, data, before, RESUMABLE)
+    if not np.isfinite(data.time):
+        name = scene.buoyancy.body_names[0]
+        raise DivergenceError(name, data.time, "time is not finite", "set data.time to a number")
     mujoco.mj_step(model, data, steps)
     if np.array_equal(counts, counts_before):
         return

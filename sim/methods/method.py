@@ -12,13 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.hull import Hull
-from sim.kernels import address_of, record
+from sim.kernels import address_of, kernel, record
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 Block = NDArray[np.uint8]
 Table = NDArray[np.void]
 Kernel = Callable[[Block, Table, Array, Array, float, Array], None]
+
+ROTATION_ERROR = 1e-6
+"""Of the products of a rotation's columns, as quaternions in single precision leave them."""
 
 PARTS_A_THREAD = 3
 """Parts into which hulls are divided for each thread: the more, the less one waits for another in
@@ -69,6 +72,68 @@ class Batch(ABC):
         (P, 3) [m] and rotations (P, 9)."""
 
 
+def pose_arrays(position: ArrayLike, rotation: ArrayLike, time: float) -> tuple[Array, Array, bool]:
+    """A pose as kernels take it, (3,) and (9,), and whether it and the time are finite. Raises
+    ValueError for other shapes and for what is no rotation."""
+    position = np.ascontiguousarray(position, dtype=float)
+    rotation = np.ascontiguousarray(rotation, dtype=float)
+    if position.shape != (3,):
+        raise ValueError(f"the position has shape {position.shape}; expected (3,) [m]")
+    if rotation.shape not in ((3, 3), (9,)):
+        raise ValueError(f"the rotation has shape {rotation.shape}; expected (3, 3) or (9,)")
+    rotation = rotation.reshape(9)
+    found = pose_state(position, rotation, time)
+    if found == DISTORTED:
+        raise ValueError(
+            "the rotation mirrors, shears or scales; expected a rotation, hull -> world, whose "
+            "columns are unit vectors at right angles, right-handed"
+        )
+    return position, rotation, found == FINE
+
+
+FINE, UNKNOWN, DISTORTED = range(3)
+
+
+@kernel
+def pose_state(position, rotation, time):
+    """Whether a pose (3,), (9,) and a time are FINE, not finite, or the rotation is none."""
+    if not is_known(position, rotation, time):
+        return UNKNOWN
+    return DISTORTED if is_distorted(rotation) else FINE
+
+
+@kernel
+def is_distorted(r):
+    """Whether a matrix (9,) is none of a rotation."""
+    x = r[0] * r[4] * r[8] + r[1] * r[5] * r[6] + r[2] * r[3] * r[7]
+    x -= r[2] * r[4] * r[6] + r[1] * r[3] * r[8] + r[0] * r[5] * r[7]
+    worst = abs(x - 1.0)
+    for i in range(3):
+        for j in range(i + 1):
+            dot = r[i] * r[j] + r[3 + i] * r[3 + j] + r[6 + i] * r[6 + j]
+            worst = max(worst, abs(dot - (i == j)))
+    return worst > ROTATION_ERROR
+
+
+@kernel
+def is_known(position, rotation, time):
+    """Whether a pose (3,), (9,) and a time are finite."""
+    total = time
+    for i in range(3):
+        total += abs(position[i])
+    for i in range(9):
+        total += rotation[i]
+    return total - total == 0.0
+
+
+@kernel
+def forget_unknown(places, positions, rotations, time, wrenches_out):
+    """Make the wrenches (H, 6) of poses that are not finite NaN."""
+    for p in range(places.size):
+        if not is_known(positions[places[p].pose], rotations[places[p].pose], time):
+            wrenches_out[places[p].row] = np.nan
+
+
 class Method(ABC):
     """A way to compute the water's wrench on a hull in a sea; no state changes from call to call.
 
@@ -89,7 +154,8 @@ class Method(ABC):
         """Force [N] and torque [N m] about the position, world axes: (6,).
 
         position: (3,) [m], the hull frame's origin in the world; rotation: (3, 3) or (9,),
-        hull -> world; time [s].
+        hull -> world; time [s]. Raises ValueError for other shapes and for what is no rotation;
+        a pose or a time that is not finite gives NaN.
         """
 
     @classmethod
@@ -154,10 +220,12 @@ class Compiled(Method):
         """All hulls in about so many parts of like cost, the dearest first."""
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
-        positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
-        rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
+        time = float(time)
+        position, rotation, is_finite = pose_arrays(position, rotation, time)
+        if not is_finite:
+            return np.full(6, np.nan)
         wrenches = np.empty((1, 6))
-        self._kernel(*self._alone, positions, rotations, float(time), wrenches)
+        self._kernel(*self._alone, position.reshape(1, 3), rotation.reshape(1, 9), time, wrenches)
         return wrenches[0]
 
     def _prepare(self) -> None:
@@ -168,14 +236,18 @@ class Compiled(Method):
     @classmethod
     def batch(cls, methods: Sequence[Self], places: Sequence[Place], threads: int = 1) -> Batch:
         count = 1 if threads == 1 else PARTS_A_THREAD * threads
-        return Shared(cls.kernel(), cls.parts(methods, places, count), threads)
+        rows = np.array([(place.pose, place.row) for place in places], PLACE)
+        return Shared(cls.kernel(), cls.parts(methods, places, count), threads, rows)
 
 
 class Shared(Batch):
-    """A batch whose parts threads share. The result is the same to the bit."""
+    """A batch whose parts threads share. The result is the same to the bit. places: all PLACEs, of
+    which those without a finite pose get NaN."""
 
-    def __init__(self, kernel: Kernel, parts: Sequence[Part], threads: int) -> None:
-        self._kernel, self._parts = kernel, parts
+    def __init__(
+        self, kernel: Kernel, parts: Sequence[Part], threads: int, places: Table | None = None
+    ) -> None:
+        self._kernel, self._parts, self._places = kernel, parts, places
         self._helpers = min(threads, len(parts)) - 1
         self._pool: ThreadPoolExecutor | None = None
         self._process = -1
@@ -187,6 +259,7 @@ class Shared(Batch):
         if self._helpers == 0:
             for block, places in self._parts:
                 self._kernel(block, places, positions, rotations, time, wrenches_out)
+            self._forget(positions, rotations, time, wrenches_out)
             return
         left = iter(self._parts)  # gives each part to one thread only
 
@@ -199,6 +272,11 @@ class Shared(Batch):
         for helper in helping:
             if not helper.cancel():  # one that comes too late is not waited for
                 helper.result()
+        self._forget(positions, rotations, time, wrenches_out)
+
+    def _forget(self, positions: Array, rotations: Array, time: float, wrenches_out: Array) -> None:
+        if self._places is not None:
+            forget_unknown(self._places, positions, rotations, time, wrenches_out)
 
     def native(self) -> list[NativePart] | None:
         """Compiles the kernel. Threads are the interpreter's."""

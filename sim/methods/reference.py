@@ -23,11 +23,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.geometry import area_vectors, areas
 from sim.hull import Hull
-from sim.methods.method import Method, Settings, expect_at_most
+from sim.methods.method import Method, Settings, expect_at_most, pose_arrays
 from sim.triangle import clipped, gauss_rule, sum_wet
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
+
+FINEST = 1e-14
+"""A tolerance below this asks for less than round-off."""
+
+MOST_PIECES = 4_000_000
+"""Triangles at a level after which it is given up: far off in place or time phases are noise, and
+no halving would ever do."""
+
+NOISE = 10.0
+"""Tolerances that round-off in the phases may leave, as it averages out."""
 
 MAX_LEVELS = 24
 """Halvings after which even a kilometre is a tenth of a millimetre: more would be round-off."""
@@ -44,8 +54,10 @@ class Reference(Method):
     def __init__(
         self, hull: Hull, sea: Sea, tolerance: float = 1e-9, halvings: int = MAX_LEVELS
     ) -> None:
-        if not (np.isfinite(tolerance) and tolerance > 0):
-            raise ValueError(f"the tolerance is {tolerance}; it must be finite and above 0")
+        if not FINEST <= tolerance < np.inf:
+            raise ValueError(
+                f"the tolerance is {tolerance}; it must be finite and {FINEST:g} or more"
+            )
         super().__init__(hull, sea)
         self.tolerance = float(tolerance)
         self.halvings = halvings
@@ -57,11 +69,26 @@ class Reference(Method):
         return cls(hull, sea, *map(float, arguments))
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
-        position = np.asarray(position, dtype=float)
-        rotation = np.asarray(rotation, dtype=float).reshape(3, 3)
-        corners = (self.hull.vertices @ rotation.T)[self.hull.faces]
+        position, rotation, is_finite = pose_arrays(position, rotation, float(time))
+        if not is_finite:
+            return np.full(6, np.nan)
+        self._check_phases(position, float(time))
+        corners = (self.hull.vertices @ rotation.reshape(3, 3).T)[self.hull.faces]
         total = self._integrate(_Water(self.sea, position, float(time)), corners)
         return -self.sea.density * self.sea.gravity * total
+
+    def _check_phases(self, position: Array, time: float) -> None:
+        """Refuse a place or time so far off that the waves' phases are noise there: no halving
+        would ever reach the tolerance."""
+        waves, eps = self.sea.components, np.finfo(float).eps
+        rates = 2.0 * np.pi * waves["frequency"] * abs(time)
+        rates += waves["wavenumber"] * float(np.hypot(*position[:2]))
+        noise = eps * float(waves["amplitude"] @ rates) * self._area / self.hull.volume
+        if noise > NOISE * self.tolerance:
+            raise RuntimeError(
+                f"so far off, at {position.tolist()} m and {time:g} s, the waves' phases leave the "
+                f"wrench open to {noise:.1g}; ask for a tolerance of that or for nearer places"
+            )
 
     def _integrate(self, water: "_Water", corners: Array) -> Array:
         """Sum (6,) over - density gravity of the wet part of triangles (N, 3, 3), given in world
@@ -88,9 +115,11 @@ class Reference(Method):
             rough_children, rough_heads, _ = _halved(water, rough, water.heads(rough))
             corners = np.concatenate([children, rough_children])
             heads = np.concatenate([child_heads, rough_heads])
+            if len(corners) > MOST_PIECES:
+                break
         raise RuntimeError(
             f"the wrench did not converge to {self.tolerance:g} of density * gravity * volume in "
-            f"{self.halvings} halvings; ask for a larger tolerance"
+            f"{self.halvings} halvings or {MOST_PIECES:,} triangles; ask for a larger tolerance"
         )
 
     def _resolved(self, corners: Array) -> Array:
