@@ -18,12 +18,14 @@ from command_line import (
     UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
+    check_outputs,
     check_writable,
     positive,
     print_table,
     run_script,
     say_errors,
     write_json,
+    write_whole,
 )
 
 import trimesh
@@ -62,14 +64,9 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     return options
 
 
-def check_outputs(options: argparse.Namespace) -> None:
-    """Refuse what would write over the input, or one output over another."""
-    outputs = [path for path in (options.repair, options.json) if path is not None]
-    for path in outputs:
-        if path.exists() and options.file.exists() and path.samefile(options.file):
-            raise ValueError(f"{path} is the input; give another file to write to")
-    if len(outputs) == 2 and outputs[0].resolve() == outputs[1].resolve():
-        raise ValueError(f"{outputs[0]} is given for two outputs; give two files")
+def check_files(options: argparse.Namespace) -> None:
+    """Refuse what would write over the input, one output over another, or cannot be written."""
+    check_outputs((options.repair, options.json), [options.file])
     if options.repair is not None and options.repair.suffix.lower() not in WRITTEN:
         raise ValueError(
             f"{options.repair}: expected a name that ends in {', '.join(WRITTEN)}, which MuJoCo "
@@ -154,19 +151,18 @@ def mended(options: argparse.Namespace, before: Survey) -> Repaired:
 
 
 def export(hull: Hull, path: Path) -> None:
-    """Write a hull, whole or not at all."""
+    """Write a hull in the format of the file's ending."""
     mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
     digits = {"digits": 10} if path.suffix.lower() == ".obj" else {}
     data = mesh.export(file_type=path.suffix.lower().lstrip("."), **digits)
-    beside = path.with_name(f".{path.name}.part")
-    beside.write_bytes(data.encode() if isinstance(data, str) else data)
-    beside.replace(path)
+    content = data.encode() if isinstance(data, str) else data
+    write_whole(path, lambda beside: beside.write_bytes(content))
 
 
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
-        check_outputs(options)
+        check_files(options)
         before = survey(*read_surface(options.file, options.scale))
     except (ValueError, OSError) as error:
         say_errors("check_hull.py", error)

@@ -129,13 +129,51 @@ def print_table(
 def write_json(path: Path | None, report: Any) -> None:
     """Write a report to the file that was asked for, if one was."""
     if path is not None:
-        path.write_text(json.dumps(report, indent=2) + "\n")
+        text = json.dumps(report, indent=2) + "\n"
+        write_whole(path, lambda beside: beside.write_text(text))
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` write a file beside a path, and move it there when it is whole, so that what
+    fails leaves the old one. What is no file, such as a device, is written itself."""
+    if path.exists() and not path.is_file():
+        write(path)
+        return
+    target = path.resolve()  # of a link, not the link itself
+    beside = target.with_name(f".{os.getpid()}.{target.name}")
+    try:
+        write(beside)
+        beside.replace(target)
+    finally:
+        beside.unlink(missing_ok=True)
 
 
 def check_writable(path: Path | None) -> None:
-    """Find out before the work whether its file can be written. Raises OSError."""
-    if path is not None:
-        path.open("a").close()
+    """Find out before the work whether its file can be written, and leave none. Raises OSError."""
+    if path is None:
+        return
+    is_new = not path.exists()
+    path.open("a").close()
+    if is_new:
+        path.unlink()
+
+
+def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path]) -> None:
+    """Refuse an output that is one of the inputs, by whatever name, or another output. Raises
+    ValueError."""
+    read = [path for path in inputs if path.exists()]
+    written: list[Path] = []
+    for path in outputs:
+        if path is None or (path.exists() and not path.is_file()):
+            continue
+        for other in read:
+            if path.exists() and path.samefile(other):
+                raise ValueError(f"{path} is read and would be written over; give another name")
+        for other in written:
+            same = path.exists() and other.exists() and path.samefile(other)
+            if same or path.resolve() == other.resolve():
+                raise ValueError(f"{path} is given for two outputs; give each its own name")
+        written.append(path)
 
 
 def check_drawable(path: Path | None) -> None:

@@ -23,6 +23,7 @@ from command_line import (
     UNUSABLE_INPUT,
     Parser,
     at_least,
+    check_outputs,
     check_writable,
     compiling_notice,
     notes_said,
@@ -39,6 +40,7 @@ from command_line import (
 import numpy as np
 
 from sim import Sample, Scene, SideBySideRecorder, simulate
+from sim.coupling.files import model_files
 from sim.measure.statistics import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
 from sim.water.head import PRESSURES
 
@@ -279,6 +281,7 @@ def main(arguments: list[str] | None = None) -> int:
         recording = options.record or Path("recordings") / f"{options.scene.stem}_twins.rrd"
     with ExitStack() as stack:
         try:
+            check_outputs((recording, options.json), model_files(options.scene))
             twins = load(options)
             check_writable(options.json)
             received = stack.enter_context(stop_signals())

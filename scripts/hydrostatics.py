@@ -17,6 +17,7 @@ from command_line import (
     UNWRITABLE,
     Parser,
     check_drawable,
+    check_outputs,
     check_writable,
     compiling_notice,
     notes_said,
@@ -24,12 +25,14 @@ from command_line import (
     run_script,
     say_errors,
     write_json,
+    write_whole,
 )
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim import Hydrostatics, Scene, hydrostatics
+from sim.coupling.files import model_files
 from sim.coupling.hydrostatics import resting_corners
 
 ROWS = (
@@ -120,7 +123,7 @@ def draw(scene: Scene, found: dict[str, Hydrostatics], path: Path) -> None:
         draw_hull(behind, -corners[:, :, 1], corners[:, :, 2], "from behind: to starboard [m]")
         draw_hull(side, corners[:, :, 0], corners[:, :, 2], "from starboard: ahead [m]")
     figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    write_whole(path, lambda beside: figure.savefig(beside, dpi=110, format="png"))
 
 
 def draw_arms(axes: Any, found: Hydrostatics) -> None:
@@ -152,6 +155,7 @@ def draw_hull(axes: Any, across: NDArray, up: NDArray, label: str) -> None:
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
+        check_outputs((options.json, options.figure), model_files(options.scene))
         with compiling_notice(quiet=False), notes_said("hydrostatics.py"):
             scene = Scene.load(options.scene)
         check_writable(options.json)

@@ -16,12 +16,17 @@ import os
 import sys
 from pathlib import Path
 
-from command_line import UNUSABLE_INPUT, Parser, run_script
+from command_line import UNUSABLE_INPUT, Parser, check_outputs, run_script, write_whole
 
 import numpy as np
 
 from sim import read_series
 from sim.drawing.reader import whole_length
+
+
+def save(path: Path, columns: dict[str, np.ndarray]) -> None:
+    with path.open("wb") as file:  # a path would get another ending
+        np.savez(file, **columns)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -35,12 +40,13 @@ def main(arguments: list[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     try:
+        check_outputs([options.output], [options.recording])
         if options.mend and options.recording.is_file():
             os.truncate(options.recording, whole_length(options.recording))
         series = read_series(options.recording)
         if options.output is not None:
-            with options.output.open("wb") as file:
-                np.savez(file, **{name: np.stack(columns) for name, columns in series.items()})
+            columns = {name: np.stack(both) for name, both in series.items()}
+            write_whole(options.output, lambda beside: save(beside, columns))
     except (OSError, ValueError) as error:
         print(f"read_recording.py: {str(error).splitlines()[0]}", file=sys.stderr)
         return UNUSABLE_INPUT

@@ -19,6 +19,7 @@ from command_line import (
     UNWRITABLE,
     Parser,
     at_least,
+    check_outputs,
     check_writable,
     compiling_notice,
     notes_said,
@@ -33,6 +34,7 @@ from command_line import (
 )
 
 from sim import Recorder, Scene, Tally, observe, simulate
+from sim.coupling.files import model_files
 from sim.water.head import PRESSURES
 
 
@@ -193,6 +195,7 @@ def main(arguments: list[str] | None = None) -> int:
         recording = options.record or Path("recordings") / f"{options.scene.stem}.rrd"
     with ExitStack() as stack:
         try:
+            check_outputs((recording, options.json), model_files(options.scene))
             with notes_said("run.py", options.quiet):
                 scene = load(options)
                 check_writable(options.json)

@@ -25,7 +25,7 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, NoReturn
 
-from command_line import INTERRUPTED, Parser, interruptible, run_script
+from command_line import INTERRUPTED, Parser, check_outputs, interruptible, run_script
 
 from PIL import Image
 from rerun.experimental import ViewerClient
@@ -272,6 +272,10 @@ def draw(client: ViewerClient, path: Path, time_s: float) -> bytes:
 def take(options: argparse.Namespace) -> None:
     """Make the picture that is asked for and write it."""
     time_s = moment(options.recording, options.time)
+    try:
+        check_outputs([options.output], [options.recording])
+    except ValueError as error:
+        raise SnapshotError(str(error)) from None
     check_writable(options.output)
     size = options.width, options.height + TITLE_STRIP
     with whole(options.recording) as recording, viewer(*size, options.timeout) as client:

@@ -22,6 +22,7 @@ from command_line import (
     Parser,
     at_least,
     check_drawable,
+    check_outputs,
     check_writable,
     interruptible,
     positive,
@@ -30,6 +31,7 @@ from command_line import (
     run_script,
     say_errors,
     write_json,
+    write_whole,
 )
 
 import numpy as np
@@ -233,7 +235,7 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
         spare.axis("off")
     panels[len(hulls)].legend(handles=legend, loc="center", frameon=False)
     figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    write_whole(path, lambda beside: figure.savefig(beside, dpi=110, format="png"))
     plt.close(figure)
 
 
@@ -272,8 +274,9 @@ def print_sources(report: dict[str, list[dict[str, Any]]]) -> None:
     print_table(titles, cells)
 
 
-def check_outputs(options: argparse.Namespace) -> None:
+def check_files(options: argparse.Namespace) -> None:
     """Find out before the work whether its results can be written and its methods made."""
+    check_outputs((options.json, options.figure), [])
     check_drawable(options.figure)
     cube = make_hull("cube")
     for text in options.methods:
@@ -357,7 +360,7 @@ def report_loading(options: argparse.Namespace) -> int:
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
-        check_outputs(options)
+        check_files(options)
         if options.steps:
             return report_steps(options)
         if options.loading:

@@ -16,12 +16,14 @@ from command_line import (
     UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
+    check_outputs,
     check_writable,
     compiling_notice,
     print_table,
     run_script,
     say_errors,
     write_json,
+    write_whole,
 )
 
 import make_scenes
@@ -106,6 +108,7 @@ def main(arguments: list[str] | None = None) -> int:
             raise ValueError(
                 "--panel-code needs capytaine, which is not installed; run: pip install '.[bem]'"
             )
+        check_outputs((options.markdown, options.json), [])
         check_writable(options.markdown)
         check_writable(options.json)
     except (ValueError, OSError) as error:
@@ -122,7 +125,8 @@ def main(arguments: list[str] | None = None) -> int:
         print()
     try:
         if options.markdown is not None:
-            options.markdown.write_text(markdown(found))
+            text = markdown(found)
+            write_whole(options.markdown, lambda beside: beside.write_text(text))
         write_json(options.json, found)
     except OSError as error:
         say_errors("validate.py", error)
