@@ -12,7 +12,7 @@ or in Python:
 Exit status: 0 on success, 2 on unusable input.
 """
 
-import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -21,7 +21,32 @@ from command_line import UNUSABLE_INPUT, Parser, check_outputs, run_script, writ
 import numpy as np
 
 from sim import read_series
-from sim.drawing.reader import whole_length
+
+MAGIC = b"RRF2"
+"""What recordings begin with."""
+
+
+def mend(recording: Path, output: Path) -> None:
+    """Write what can be read of a recording to another file, by Rerun's own tool, which skips what
+    is damaged. Raises ValueError for what is no recording."""
+    if not recording.is_file():
+        raise FileNotFoundError(f"there is no recording {recording}")
+    with recording.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise ValueError(f"{recording} is no recording; it is left alone")
+    command = [sys.executable, "-m", "rerun", "rrd", "merge", "--continue-on-error"]
+
+    def merge(beside: Path) -> None:
+        done = subprocess.run(
+            [*command, "-o", str(beside), str(recording)], capture_output=True, text=True
+        )
+        if done.returncode != 0 or not beside.is_file():
+            reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+            raise ValueError(f"{recording}: nothing of it could be kept: {reason}")
+
+    write_whole(output, merge)
+    kept, of = (path.stat().st_size / 1e6 for path in (output, recording))
+    print(f"{output}: {kept:.2f} MB of what can be read of {of:.2f} MB")
 
 
 def save(path: Path, columns: dict[str, np.ndarray]) -> None:
@@ -36,13 +61,21 @@ def main(arguments: list[str] | None = None) -> int:
         "--output", type=Path, metavar="FILE.npz", help="write each series there, (2, N)"
     )
     parser.add_argument(
-        "--mend", action="store_true", help="cut off what a killed run left half written"
-    )
+        "--mend", action="store_true",
+        help="write what is whole of a damaged recording to --output, or beside it",
+    )  # fmt: skip
     options = parser.parse_args(arguments)
+    if options.mend:
+        output = options.output or options.recording.with_stem(f"{options.recording.stem}_mended")
+        if options.output is None and output.exists():
+            parser.error(f"{output} is there already; say with --output where to write")
+        options.output = None
     try:
+        if options.mend:
+            check_outputs([output], [options.recording])
+            mend(options.recording, output)
+            options.recording = output
         check_outputs([options.output], [options.recording])
-        if options.mend and options.recording.is_file():
-            os.truncate(options.recording, whole_length(options.recording))
         series = read_series(options.recording)
         if options.output is not None:
             columns = {name: np.stack(both) for name, both in series.items()}

@@ -75,8 +75,27 @@ def test_a_recording_that_was_cut_off_anywhere_is_read_up_to_there(tmp_path):
     path.write_bytes(content[: len(content) * 4 // 5])
     with pytest.raises(RuntimeError, match="exceeds file size"):
         RrdReader(path).recordings()
+    before = path.read_bytes()
     assert read_recording.main([str(path), "--mend"]) == 0
-    assert len(RrdReader(path).recordings()) == 1
+    mended = tmp_path / "cube_mended.rrd"
+    assert len(RrdReader(mended).recordings()) == 1
+    assert path.read_bytes() == before
+    assert len(read_series(mended)["height/cube"][0]) == len(read_series(path)["height/cube"][0])
+    middle = len(content) // 2
+    path.write_bytes(content[:middle] + bytes(100) + content[middle + 100 :])
+    another = tmp_path / "another.rrd"
+    assert read_recording.main([str(path), "--mend", "--output", str(another)]) == 0
+    assert len(read_series(another)["height/cube"][0]) > 0.8 * len(times)
+    assert read_recording.main([str(path), "--mend", "--output", str(path)]) == 2
+
+
+def test_a_file_that_is_no_recording_is_not_mended(tmp_path, capsys):
+    path = tmp_path / "notes.txt"
+    path.write_text("not a recording")
+    assert read_recording.main([str(path), "--mend"]) == 2
+    assert "is no recording; it is left alone" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
+    assert path.read_text() == "not a recording"
 
 
 @pytest.mark.parametrize(
