@@ -41,6 +41,7 @@ import numpy as np
 
 from sim import Sample, Scene, SideBySideRecorder, simulate
 from sim.coupling.files import model_files
+from sim.coupling.simulation import check_run
 from sim.measure.statistics import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
 from sim.water.head import PRESSURES
 
@@ -90,7 +91,8 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
             f"{options.warm_up:g} s, and means need {FEWEST_BATCHES}; run longer"
         )
     twins: dict[str, Scene] = {}
-    with compiling_notice(quiet=again), notes_said("compare.py", quiet=again):
+    said = notes_said("compare.py", quiet=True) if again else nullcontext()
+    with compiling_notice(quiet=again), said:
         for text in options.methods:
             scene = Scene.load(
                 options.scene, text, timestep=options.timestep, pressure=options.pressure
@@ -282,10 +284,12 @@ def main(arguments: list[str] | None = None) -> int:
     with ExitStack() as stack:
         try:
             check_outputs((recording, options.json), model_files(options.scene))
-            twins = load(options)
-            check_writable(options.json)
-            received = stack.enter_context(stop_signals())
-            recorder = None if recording is None else SideBySideRecorder(recording, twins)
+            with notes_said("compare.py"):
+                twins = load(options)
+                check_run(next(iter(twins.values())), options.duration, options.rate)
+                check_writable(options.json)
+                received = stack.enter_context(stop_signals())
+                recorder = None if recording is None else SideBySideRecorder(recording, twins)
         except (ValueError, OSError) as error:
             say_errors("compare.py", error)
             return UNUSABLE_INPUT

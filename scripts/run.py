@@ -35,6 +35,7 @@ from command_line import (
 
 from sim import Recorder, Scene, Tally, observe, simulate
 from sim.coupling.files import model_files
+from sim.coupling.simulation import check_run
 from sim.water.head import PRESSURES
 
 
@@ -198,6 +199,7 @@ def main(arguments: list[str] | None = None) -> int:
             check_outputs((recording, options.json), model_files(options.scene))
             with notes_said("run.py", options.quiet):
                 scene = load(options)
+                check_run(scene, options.duration, options.rate)
                 check_writable(options.json)
                 received = stack.enter_context(stop_signals())
                 recorder = open_recorder(recording, scene, options)

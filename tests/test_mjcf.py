@@ -157,6 +157,11 @@ REFUSALS = {
     "no gravity": (dict(option='<option gravity="0 0 0"/>'), "gravity along -z"),
     "upward gravity": (dict(option='<option gravity="0 0 9.81"/>'), "gravity along -z"),
     "passive off": (dict(option=PASSIVE_OFF), "spring and damper are both disabled.*enable one"),
+    "no timestep": (dict(option='<option timestep="0"/>'), "option timestep is 0.*above 0"),
+    "backwards": (dict(option='<option timestep="-0.002"/>'), "option timestep is -0.002"),
+    "endless timestep": (dict(option='<option timestep="inf"/>'), "option timestep is inf"),
+    "no impratio": (dict(option='<option impratio="nan"/>'), "option impratio is nan.*above 0"),
+    "endless tolerance": (dict(option='<option tolerance="inf"/>'), "option tolerance is inf"),
     "nothing floats": (dict(buoyant=()), "no custom tuple 'buoyant'.*add"),
     "world body": (
         dict(bodies=CUBE + '<geom name="rock" size="1"/>', buoyant=("rock",)),

@@ -163,6 +163,18 @@ def test_the_shipped_models_are_not_noted(name):
     assert notes_of(mujoco.MjModel.from_xml_path(str(MODELS / f"{name}.xml"))) == []
 
 
+def test_notes_of_one_kind_are_said_once():
+    (note,) = notes_of(
+        model(
+            robot(8).replace('contype="0" conaffinity="0"', ""),
+            (),
+            '<numeric name="buoyancy_union" data="1"/>',
+            extra=listing("torso"),
+        )
+    )[:1]
+    assert note.endswith("(7 more like this)")
+
+
 def test_notes_can_be_errors_or_silent():
     compiled = model(CUBE.replace("512.5", "1"))
     with warnings.catch_warnings():

@@ -217,3 +217,12 @@ def test_a_full_disk_is_a_clean_stop(tmp_path):
     assert "Traceback" not in result.stderr
     assert "cube" in result.stdout
     assert recorded_until(tmp_path / "full.rrd") >= 1.0
+
+
+def test_a_run_without_end_is_refused_before_anything_is_written(tmp_path, capsys):
+    arguments = [MODELS / "cube.xml", "--timestep", "1e-12", "--record", tmp_path / "a.rrd"]
+    assert status_of("run.py", *arguments) == 2
+    error = capsys.readouterr().err
+    assert "1e+13 steps" in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

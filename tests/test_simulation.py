@@ -263,3 +263,9 @@ def test_a_time_that_is_not_finite_is_a_divergence_with_its_cause():
     scene.data.time = np.nan
     with pytest.raises(DivergenceError, match=r"its time is not finite; set data\.time"):
         list(run)
+
+
+def test_a_run_of_more_steps_than_anyone_waits_for_is_refused():
+    scene = Scene.from_model(model(), timestep=1e-12)
+    with pytest.raises(ValueError, match=r"10 s are 1e\+13 steps of 1e-12 s, more than 1e\+09"):
+        simulate(scene, 10.0)

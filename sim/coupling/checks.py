@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import mujoco
+import numpy as np
 
 from sim.coupling.faults import Faults
 
@@ -27,6 +28,14 @@ def _wrong_options(model: mujoco.MjModel) -> Iterator[str]:
                 "would count twice; set it to 0 (the water's density is the custom numeric "
                 "'water_density')"
             )
+    for name, expected in (
+        ("timestep", "above 0"),
+        ("impratio", "above 0"),
+        ("tolerance", "0 or more"),
+    ):
+        value = getattr(option, name)
+        if not np.isfinite(value) or value < 0.0 or (value == 0.0 and expected == "above 0"):
+            yield f"option {name} is {value:g}; it must be finite and {expected}: correct it"
     gx, gy, gz = option.gravity
     if gx != 0.0 or gy != 0.0 or not gz < 0.0:
         yield (

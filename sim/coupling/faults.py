@@ -1,8 +1,12 @@
 """Faults and notes: what a model cannot have, all of it at once, and what is worth knowing."""
 
+import re
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+
+NAMES_AND_NUMBERS = re.compile(r"'[^']*'|[-+.\d]+(e[-+]?\d+)?")
+"""What notes of one kind differ in."""
 
 
 class Note(UserWarning):
@@ -48,6 +52,10 @@ class Faults:
 
 
 def say(notes: Iterable[str]) -> None:
-    """Warn of each as a Note."""
-    for note in notes:
-        warnings.warn(note, Note, stacklevel=4)
+    """Warn of each as a Note; of those that differ in names and numbers alone, of the first."""
+    alike: dict[str, list[str]] = {}
+    for note in dict.fromkeys(notes):
+        alike.setdefault(NAMES_AND_NUMBERS.sub("", note), []).append(note)
+    for first, *others in alike.values():
+        more = f" ({len(others)} more like this)" if others else ""
+        warnings.warn(first + more, Note, stacklevel=4)

@@ -21,6 +21,9 @@ WARNINGS_OF_DIVERGENCE = {
 }
 """MuJoCo answers these by resetting the state and stepping on; we stop instead."""
 
+MOST_STEPS = 1e9
+"""Steps of a run: some hours at a few microseconds each."""
+
 RESUMABLE = mujoco.mjtState.mjSTATE_INTEGRATION
 """What of a state its further course depends on."""
 
@@ -68,16 +71,28 @@ def simulate(
     watch: whether to stop a scene whose energy neither gravity nor waves explain; where forces act
     that are not known here (your own callback, actuators, applied forces) it looks away by itself.
     """
+    check_run(scene, duration, rate)
+    return _samples(scene, duration, rate, watch)
+
+
+def check_run(scene: Scene, duration: float, rate: float) -> None:
+    """Raise the ValueError that `simulate` would for a duration [s], a rate [Hz], a timestep or a
+    gravity that cannot be."""
     for name, value in (("duration", duration), ("rate", rate)):
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value}; it must be finite and above 0")
+    steps = duration / scene.model.opt.timestep
+    if not steps <= MOST_STEPS:
+        raise ValueError(
+            f"{duration:g} s are {steps:.3g} steps of {scene.model.opt.timestep:g} s, more than "
+            f"{MOST_STEPS:g}; take a larger timestep or a shorter run"
+        )
     gravity = -scene.model.opt.gravity[2]
     if gravity != scene.buoyancy.sea.gravity:
         raise ValueError(
             f"gravity is {gravity:g} m/s^2, and the scene's sea, which is looked at as well, was "
             f"made under {scene.buoyancy.sea.gravity:g}; load the scene anew with that gravity"
         )
-    return _samples(scene, duration, rate, watch)
 
 
 def _samples(scene: Scene, duration: float, rate: float, watched: bool) -> Iterator[Sample]:
