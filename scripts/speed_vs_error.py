@@ -25,6 +25,7 @@ from command_line import (
     check_outputs,
     check_writable,
     interruptible,
+    notes_said,
     positive,
     print_table,
     progress,
@@ -362,7 +363,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         check_files(options)
         if options.steps:
-            return report_steps(options)
+            with notes_said("speed_vs_error.py", quiet=True):
+                return report_steps(options)
         if options.loading:
             return report_loading(options)
         return report_sources(options) if options.sources else report_rows(options)

@@ -19,6 +19,7 @@ from command_line import (
     check_outputs,
     check_writable,
     compiling_notice,
+    notes_said,
     print_table,
     run_script,
     say_errors,
@@ -118,7 +119,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.panel_code:
         print_panel_code(hull)
         return 0
-    with compiling_notice(quiet=False):
+    with compiling_notice(quiet=False), notes_said("validate.py", quiet=True):  # bars do turn over
         found = list(rows(hull, options.quick))
     for titles, table in tables(found):
         print_table(titles, table)
