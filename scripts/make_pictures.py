@@ -9,7 +9,7 @@ Needs what scripts/snapshot.py needs.
 import tempfile
 from pathlib import Path
 
-from command_line import Parser, run_script
+from command_line import Parser, notes_said, run_script
 
 from PIL import Image
 from snapshot import main as snapshot
@@ -43,7 +43,8 @@ IN_README = ("bunny", "trio")
 
 def make_picture(name: str, output: Path) -> int:
     """Record a scene, take its picture and shrink it; return the exit status of snapshot.py."""
-    scene = Scene.load(MODELS / f"{name}.xml")
+    with notes_said("make_pictures.py", quiet=True):
+        scene = Scene.load(MODELS / f"{name}.xml")
     with tempfile.TemporaryDirectory() as folder:
         recording, picture = Path(folder) / "run.rrd", Path(folder) / "picture.png"
         with Recorder(recording, scene) as recorder:

@@ -362,12 +362,12 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check_files(options)
-        if options.steps:
-            with notes_said("speed_vs_error.py", quiet=True):
+        with notes_said("speed_vs_error.py", quiet=True):  # its scenes are known
+            if options.steps:
                 return report_steps(options)
-        if options.loading:
-            return report_loading(options)
-        return report_sources(options) if options.sources else report_rows(options)
+            if options.loading:
+                return report_loading(options)
+            return report_sources(options) if options.sources else report_rows(options)
     except BrokenPipeError:
         raise
     except (ValueError, OSError) as error:

@@ -71,7 +71,7 @@ def tables(found: list[dict[str, Any]]) -> Iterator[tuple[tuple[str, ...], list[
 
 def cells(row: dict[str, Any]) -> tuple[str, ...]:
     """A row as it is printed."""
-    band = f"{row['low']:.4g} to {row['high']:.4g}"
+    band = f"{row['low']:.5g} to {row['high']:.5g}"
     return row["what"], band, f"{row['ours']:.4g}", row["unit"], row["source"], row["verdict"]
 
 
