@@ -1,5 +1,7 @@
 """scripts/read_recording.py: series read back are the samples'."""
 
+from xml.sax.saxutils import quoteattr
+
 import numpy as np
 import pytest
 import read_recording
@@ -87,6 +89,28 @@ def test_a_recording_that_was_cut_off_anywhere_is_read_up_to_there(tmp_path):
     assert read_recording.main([str(path), "--mend", "--output", str(another)]) == 0
     assert len(read_series(another)["height/cube"][0]) > 0.8 * len(times)
     assert read_recording.main([str(path), "--mend", "--output", str(path)]) == 2
+
+
+NAMES = ("deep sea", "a/b", "x.y-z", "Möwe", "船", "{u}", "tab\tbed", "back\\slash", "'quoted'")
+
+
+def test_bodies_come_back_by_the_names_that_they_have(tmp_path):
+    """Whatever is in them; and one without a name."""
+    bodies = "".join(
+        f'<body {f"name={quoteattr(name)}" if name else ""} pos="{3 * i} 0 0"><freejoint/>'
+        f'<geom name="g{i}" type="box" size="0.5 0.5 0.5" density="500"/></body>'
+        for i, name in enumerate([*NAMES, ""])
+    )
+    scene = Scene.from_model(model(bodies, tuple(f"g{i}" for i in range(len(NAMES) + 1))))
+    path = tmp_path / "names.rrd"
+    with Recorder(path, scene) as recorder:
+        for sample in simulate(scene, 0.1):
+            recorder.log(sample)
+    series = read_series(path)
+    last = f"body {scene.model.nbody - 1}"
+    for name in (*NAMES, last):
+        assert f"height/{name}" in series
+        assert f"height/{name}/water" in series
 
 
 def test_a_file_that_is_no_recording_is_not_mended(tmp_path, capsys):

@@ -1,5 +1,6 @@
 """Reader: the time series of a recording as arrays, for plots and sums of one's own."""
 
+import re
 import struct
 import warnings
 from collections.abc import Iterator
@@ -8,7 +9,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
@@ -101,9 +101,20 @@ def read_series(path: str | Path) -> dict[str, tuple[Array, Array]]:
 def _names(entity: str, bodies: list[str]) -> list[str]:
     """Names of the series of an entity, which those of others do not have in their path."""
     if entity.startswith(PLOTS):
-        return [entity.removeprefix(PLOTS)]
+        return [_unescaped(entity.removeprefix(PLOTS))]
     quantity, *rest = entity.removeprefix(OTHERS).split("/")
-    return ["/".join([quantity, rr.escape_entity_path_part(body), *rest]) for body in bodies]
+    return ["/".join([quantity, body, *rest]) for body in bodies]
+
+
+def _unescaped(path: str) -> str:
+    """A path of an entity without Rerun's escapes."""
+    plain = {"n": "\n", "t": "\t", "r": "\r"}
+
+    def of(match: re.Match[str]) -> str:
+        code, letter = match.groups()
+        return chr(int(code, 16)) if code else plain.get(letter, letter)
+
+    return re.sub(r"\\(?:u\{([0-9a-fA-F]+)\}|(.))", of, path)
 
 
 def _in_order(chunks: list[tuple[Array, Array]]) -> tuple[Array, Array]:
