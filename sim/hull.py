@@ -20,11 +20,16 @@ from sim.geometry import (
     distinct_points,
     spread_lowest,
 )
+from sim.kernels import read_only
 
 Array = NDArray[np.float64]
 
 NO_VOLUME = 1e-14
 """A volume below this part of area x diagonal is the round-off of a flat surface."""
+
+
+FARTHEST = 1e50
+"""Metres: moments are fifth powers of lengths, and doubles end at 1e308."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +72,11 @@ class Hull:
             "bounds": np.array([vertices.min(axis=0), vertices.max(axis=0)]),
         }
         for name, value in values.items():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, _closed(value))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """For pickles and deep copies, whose arrays could else be written to."""
+        self.__dict__.update({name: _closed(value) for name, value in state.items()})
 
     @classmethod
     def from_trimesh(cls, mesh: Any) -> "Hull":
@@ -85,6 +92,10 @@ class Hull:
     def __repr__(self) -> str:
         size = " x ".join(f"{side:.4g}" for side in self.bounds[1] - self.bounds[0])
         return f"Hull({len(self.faces)} faces, {size} m, {self.volume:.6g} m^3)"
+
+
+def _closed(value: Any) -> Any:
+    return read_only(value) if isinstance(value, np.ndarray) else value
 
 
 def _checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
@@ -106,6 +117,12 @@ def _checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArr
     if broken:
         raise ValueError(
             f"{broken} of {len(vertices)} vertices are not finite; repair or drop them"
+        )
+    farthest = float(np.abs(vertices).max())
+    if farthest > FARTHEST:
+        raise ValueError(
+            f"the hull reaches {farthest:.3g} m from the origin, where volumes are no numbers any "
+            "more; check the units"
         )
     outside = int(np.count_nonzero((faces < 0) | (faces >= len(vertices))))
     if outside:

@@ -1,5 +1,8 @@
 """The hull: what it knows of its surface and every refusal."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 import trimesh
@@ -126,3 +129,19 @@ MESH_WITH_CAVITY = _with_cavity()
 def test_refusals_count_and_name_the_remedy(arrays, message):
     with pytest.raises(ValueError, match=message):
         Hull(*arrays)
+
+
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda h: pickle.loads(pickle.dumps(h))]
+)
+def test_copies_stay_as_they_are(again):
+    hull = again(Hull.from_trimesh(BOX))
+    assert hull.volume == pytest.approx(Hull.from_trimesh(BOX).volume)
+    for array in (hull.vertices, hull.faces, hull.area_vectors, hull.centroid, hull.bounds):
+        with pytest.raises(ValueError, match="read-only"):
+            array[:] = 0
+
+
+def test_a_hull_too_large_for_numbers_is_refused():
+    with pytest.raises(ValueError, match=r"reaches 1e\+200 m from.*check the units"):
+        Hull(2e200 * BOX.vertices / np.ptp(BOX.vertices, axis=0).max(), BOX.faces)

@@ -1,5 +1,8 @@
 """The sea: the inverse of the Gerstner map, its derivatives, its refusals."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -286,3 +289,15 @@ def test_sea_cannot_be_changed():
 def test_refusals(build, message):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda s: pickle.loads(pickle.dumps(s))]
+)
+def test_copies_stay_as_they_are(again):
+    sea = again(three_waves())
+    assert sea == three_waves()
+    assert sea.elevation(0.3, 0.2, 1.0) == three_waves().elevation(0.3, 0.2, 1.0)
+    for table in (sea.components, sea.water):
+        with pytest.raises(ValueError, match="read-only"):
+            table[:] = table

@@ -100,6 +100,12 @@ class Sea:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """For pickles and deep copies, whose tables could else be written to."""
+        self.__dict__.update(state)
+        read_only(self.components)
+        read_only(self.water)
+
     @classmethod
     def jonswap(
         cls,
