@@ -11,7 +11,7 @@ file cannot be written.
 import argparse
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from command_line import (
@@ -29,11 +29,15 @@ from command_line import (
 )
 
 import trimesh
+from numpy.typing import NDArray
 
 from sim import Hull
 from sim.meshes.repair import Repaired, repair
 from sim.meshes.survey import Survey, read_surface, survey
 from sim.meshes.union import decked
+
+Surface = tuple[NDArray, NDArray]
+"""Vertices and faces."""
 
 NOT_AS_IT_IS = 1
 """Exit status where Waterline refuses the hull."""
@@ -132,22 +136,19 @@ def print_repair(before: Survey, repaired: Repaired, after: Survey | None) -> No
         print_table(("mended", "before", "after"), rows)
 
 
-def mended(options: argparse.Namespace, before: Survey) -> Repaired:
-    """The hull of the options, repaired and decked as they ask."""
-    found = repair(*read_surface(options.file, options.scale), options.mirror)
+def mended(surface: Surface, before: Survey, options: argparse.Namespace) -> Repaired:
+    """The hull of a surface, repaired and decked as the options ask."""
     if options.mirror and not before.half_hull:
-        return Repaired(
-            None, found.done, (*found.faults, "it is not half a hull: leave out --mirror")
-        )
-    if options.deck and found.hull is not None:
-        closed = decked(found.hull)
-        if closed is None:
-            return Repaired(
-                found.hull, (*found.done, "nothing to deck: it holds no water"), found.faults
-            )
-        done = (*found.done, f"decked: the {closed[1]:.4g} m^3 inside are dry now")
-        return Repaired(closed[0], done, found.faults)
-    return found
+        return Repaired(None, (), ("it is not half a hull: leave out --mirror",))
+    found = repair(*surface, before.half_hull if options.mirror else "")
+    if not options.deck or found.hull is None:
+        return found
+    closed = decked(found.hull)
+    if closed is None:
+        return replace(found, done=(*found.done, "nothing to deck: it holds no water"))
+    hull, held = closed
+    done = (*found.done, f"decked: the {held:.4g} m^3 inside are dry now")
+    return replace(found, hull=hull, done=done)
 
 
 def export(hull: Hull, path: Path) -> None:
@@ -163,7 +164,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check_files(options)
-        before = survey(*read_surface(options.file, options.scale))
+        surface = read_surface(options.file, options.scale)
+        before = survey(*surface)
     except (ValueError, OSError) as error:
         say_errors("check_hull.py", error)
         return UNUSABLE_INPUT
@@ -173,7 +175,7 @@ def main(arguments: list[str] | None = None) -> int:
     report, status = {"file": str(options.file), "before": asdict(before)}, 0
     try:
         if options.repair is not None:
-            status = _repair(options, before, report)
+            status = _repair(surface, before, options, report)
         elif before.refusal:
             status = NOT_AS_IT_IS
         write_json(options.json, report)
@@ -183,9 +185,11 @@ def main(arguments: list[str] | None = None) -> int:
     return status
 
 
-def _repair(options: argparse.Namespace, before: Survey, report: dict[str, object]) -> int:
+def _repair(
+    surface: Surface, before: Survey, options: argparse.Namespace, report: dict[str, object]
+) -> int:
     """Mend, write, and report it; returns the exit status."""
-    found = mended(options, before)
+    found = mended(surface, before, options)
     after = survey(found.hull.vertices, found.hull.faces) if found.hull is not None else None
     print()
     print_repair(before, found, after)

@@ -41,7 +41,7 @@ def test_half_a_hull_is_found_and_mirrored():
     half = survey(*of(made_hulls.half_hull()))
     assert half.half_hull == "y"
     whole = made_hulls.capsule(0.3, 2.0)
-    found = repair(*of(made_hulls.half_hull()), mirror=True)
+    found = repair(*of(made_hulls.half_hull()), mirror="y")
     assert found.faults == ()
     assert found.hull.volume == pytest.approx(whole.volume, rel=ROUND_OFF)
     capped = repair(*of(made_hulls.half_hull()))

@@ -41,15 +41,16 @@ class Repaired:
     faults: tuple[str, ...]
 
 
-def repair(vertices: Array, faces: Indices, mirror: bool = False) -> Repaired:
-    """Close a surface and keep all its parts; mirror: make half a hull whole where a rim lies in a
-    plane of symmetry."""
+def repair(vertices: Array, faces: Indices, mirror: str = "") -> Repaired:
+    """Close a surface and keep all its parts; mirror: the axis along which half a hull is made
+    whole, as its Survey has it."""
     done: list[str] = []
     size = size_of(vertices)
     vertices, faces = _merged(vertices, faces, size, done)
     faces = _divided(vertices, faces, size, done)
     if mirror:
-        vertices, faces = _mirrored(vertices, faces, size, done)
+        vertices, faces = _mirrored(vertices, faces, mirror, size)
+        done.append(f"mirrored along {mirror}")
         vertices, faces = _merged(vertices, faces, size, [])
     parts, rims = [], 0
     for part in _parted(vertices, faces, size, done):
@@ -120,22 +121,13 @@ def _split_faces(faces: Indices, at: dict[int, tuple[int, int]]) -> Indices:
     return np.concatenate([kept, np.array(pieces)])
 
 
-def _mirrored(
-    vertices: Array, faces: Indices, size: float, done: list[str]
-) -> tuple[Array, Indices]:
-    """A half hull and its image beyond the plane of its rim."""
-    from sim.meshes.survey import survey
-
-    axis = survey(vertices, faces).half_hull
-    if not axis:
-        done.append("nothing mirrored: no rim lies in a plane x or y at the end of the surface")
-        return vertices, faces
+def _mirrored(vertices: Array, faces: Indices, axis: str, size: float) -> tuple[Array, Indices]:
+    """A half hull and its image beyond the plane across an axis that one of its rims lies in."""
     i = "xyz".index(axis)
     loops = [vertices[loop] for loop in rims_of(wound_alike(faces))]
     plane = float(min((loop[:, i] for loop in loops), key=np.ptp).mean())
     image = vertices.copy()
     image[:, i] = 2.0 * plane - image[:, i]
-    done.append(f"mirrored at {axis} = {plane:.6g}")
     both = np.concatenate([vertices, image])
     near = np.abs(both[:, i] - plane) < 10.0 * MERGED_WITHIN * size
     both[near, i] = plane
