@@ -12,10 +12,10 @@ import pytest
 import rerun as rr
 import trimesh
 from rerun.chunk import RrdReader
-from scenes import CUBE, model
+from scenes import CUBE, WAVES, model
 
 from independent import MODELS, ROUND_OFF
-from sim import Recorder, Scene, Sea, Tally, Wave, simulate
+from sim import Recorder, Scene, Sea, Tally, Wave, read_series, simulate
 from sim.drawing.display_mesh import DisplayMeshes, shaded_corners, with_hue_turned
 from sim.drawing.frame import Artist, thinned
 from sim.drawing.look import sea_in_words, side_by_side_blueprint
@@ -473,3 +473,20 @@ def test_names_with_blanks_and_slashes_stay_one_body(tmp_path):
             recorder.log(sample)
     entities = {chunk.entity_path for chunk in RrdReader(path).stream()}
     assert r"/world/bodies/my\ cube\/1" in entities
+
+
+def test_geoms_without_a_name_and_united_ones_are_recorded(tmp_path):
+    """Two boxes that overlap and one apart, none with a name, by their body in the tuple."""
+    boxes = "".join(
+        f'<geom type="box" size="0.5 0.2 0.2" pos="{place}" density="300" rgba="0.8 0.2 0.2 1"/>'
+        for place in ("0 0 0", "0.4 0.1 0", "0 3 0")
+    )
+    listed = '<custom><tuple name="buoyant"><element objtype="body" objname="b"/></tuple></custom>'
+    bodies = f'<body name="b"><freejoint/>{boxes}</body>'
+    scene = Scene.from_model(model(bodies, (), WAVES, extra=listed))
+    assert len(scene.buoyancy.floats) == 2
+    path = tmp_path / "united.rrd"
+    with Recorder(path, scene) as recorder:
+        for sample in simulate(scene, 0.2):
+            recorder.log(sample)
+    assert len(read_series(path)["height/b"][0]) == 7

@@ -113,7 +113,7 @@ def _display_mesh(
         name=geom.name,
         geom=geom.geom,
         body=geom.body,
-        rgba=255.0 * with_hue_turned(buoyancy.model.geom(geom.name).rgba, hue),
+        rgba=255.0 * with_hue_turned(buoyancy.model.geom(geom.geom).rgba, hue),
         size=float(np.linalg.norm(sides)),
         edge=edge,
         vertices=slice(first, first + len(vertices)),
