@@ -44,8 +44,8 @@ WIGLEY_RESPONSES = {
 """Wavelength over length: heave [m/m] and pitch [rad over k a] of a hull that does both."""
 
 LINEAR = '<text name="buoyancy_method" data="linear"/>'
-"""On thousands of faces it is right to 1e-3 of the waves' own force; patches are at their default
-tolerance to 1e-3 of the weight, of which small waves move but a few per cent."""
+"""The default tolerance of patches, a 400th of the hull's length, is more than such small waves are
+high."""
 
 SPHERE_ADDED, SPHERE_DAMPING = 0.4325, 91.0e3
 """Of the sphere of OES Task 10 at its own frequency, over its mass and [N s/m]."""

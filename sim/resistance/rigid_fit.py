@@ -7,9 +7,9 @@ water through the wet surface, of areas A and normals n,
 
     sum A (n . (u - v - omega x r))^2  ->  min.
 
-Half a wave up and half down then moves nothing, as it should: a point's velocity would drive such
-hulls at 5 to 9 times what a panel code finds. The fit is held to the water's mean velocity by a
-thousandth, for the sake of what the surface does not see, as the spin of a sphere.
+Half a wave up and half down then moves nothing, as it should; the velocity of a point would. The
+fit is held to the water's mean velocity by a thousandth, for what the surface does not see, such
+as the spin of a sphere.
 
 Source: Newman 1977, 6.18, for the force of a wave by the relative motion, there in the limit of
 small bodies.
