@@ -139,6 +139,15 @@ def _check_movable(model: mujoco.MjModel, geom: int) -> None:
         )
 
 
+def first_state(model: mujoco.MjModel) -> mujoco.MjData:
+    """A state of a model in its first keyframe, if it has one, with the kinematics of that."""
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
 def moving_dofs(model: mujoco.MjModel, body: int) -> list[int]:
     """The degrees of freedom that move a body, in ascending order."""
     while body > 0 and model.body_dofnum[body] == 0:

@@ -7,7 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling.checks import AIR
-from sim.coupling.floats import FloatingGeom, bodies_above, body_label, collides, geom_label
+from sim.coupling.floats import (
+    FloatingGeom,
+    bodies_above,
+    body_label,
+    collides,
+    first_state,
+    geom_label,
+)
 from sim.hull import Hull
 from sim.water.sea import Sea
 
@@ -93,10 +100,7 @@ def notes_about_sizes(sea: Sea, hulls: Iterable[tuple[str, Hull]]) -> Iterator[s
 
 def _about_floors(model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom]) -> Iterator[str]:
     """Static planes, boxes and height fields at the water's surface, which floats may stand on."""
-    data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
-    mujoco.mj_kinematics(model, data)
+    data = first_state(model)
     band = sum(wave.amplitude for wave in sea.waves)
     margin = NEAR * max(float(np.ptp(f.method.hull.bounds, axis=0).max()) for f in floats)
     for geom in np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling.drag_fields import DragFields
+from sim.coupling.floats import first_state
 from sim.coupling.primitives import frame_rotation
 from sim.hull import Hull
 from sim.meshes.union import overlapping, shared_volume, united
@@ -104,10 +105,7 @@ def _overlaps(
     model: mujoco.MjModel, shapes: Sequence[Shape]
 ) -> Iterator[tuple[Shape, Shape, float]]:
     """Pairs of shapes with the volume [m^3] that they share at the start."""
-    data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
-    mujoco.mj_kinematics(model, data)
+    data = first_state(model)
     placed = [
         s.hull.moved(data.geom_xmat[g].reshape(3, 3), data.geom_xpos[g])
         for s, g in ((shape, shape.geoms[0]) for shape in shapes)
