@@ -5,6 +5,7 @@
     python scripts/speed_vs_error.py --sources
     python scripts/speed_vs_error.py --steps
     python scripts/speed_vs_error.py --loading
+    python scripts/speed_vs_error.py --random 1000
 
 Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C, with the rows until then printed.
 """
@@ -12,8 +13,10 @@ Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C, with the rows 
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from itertools import groupby, product
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from command_line import (
@@ -41,6 +44,7 @@ import trimesh
 from sim import Hull, Reference
 from sim.measure.accuracy import CHANGES, speeds_and_errors, wrenches
 from sim.measure.loading import loading_times
+from sim.measure.random_cases import RandomCase, random_cases
 from sim.measure.seas import SEAS, waterline_poses
 from sim.measure.sources import DURATION, FALL, error_sources
 from sim.measure.steps import step_costs
@@ -116,6 +120,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
                         help="measure whole mj_steps and batches instead")  # fmt: skip
     parser.add_argument("--loading", action="store_true",
                         help="measure how long hulls take to load instead")  # fmt: skip
+    parser.add_argument("--random", type=at_least(1), metavar="N",
+                        help="try the default on random hulls in random seas instead")  # fmt: skip
     options = parser.parse_args(arguments)
     if options.quick:
         for name, value in QUICK.items():
@@ -358,6 +364,30 @@ def report_loading(options: argparse.Namespace) -> int:
     return 0
 
 
+def report_random(options: argparse.Namespace) -> int:
+    """The same for random hulls in random seas: what the default tolerance leaves and takes."""
+    cases: list[RandomCase] = []
+    with progress(options.random, "cases") as bar:
+        for case in random_cases(options.random, options.seed):
+            cases.append(case)
+            bar.update(1)
+    write_json(options.json, {"cases": [asdict(case) for case in cases]})
+    kept = [c for c in cases if not c.is_coarsened]
+    cells = [
+        (
+            what, str(len(some)), f"{max(c.error for c in some):.1e}",
+            f"{median(c.error for c in some):.1e}", f"{max(c.seconds for c in some):.1f}",
+            str(max(c.patches for c in some)), max(some, key=lambda c: c.error).name,
+        )
+        for what, some in (
+            ("default tolerance kept", kept), ("coarsened", [c for c in cases if c.is_coarsened])
+        ) if some
+    ]  # fmt: skip
+    titles = ("", "cases", "largest error", "median", "longest s", "most patches", "largest of")
+    print_table(titles, cells)
+    return 0
+
+
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
@@ -365,6 +395,8 @@ def main(arguments: list[str] | None = None) -> int:
         with notes_said("speed_vs_error.py", quiet=True):  # its scenes are known
             if options.steps:
                 return report_steps(options)
+            if options.random:
+                return report_random(options)
             if options.loading:
                 return report_loading(options)
             return report_sources(options) if options.sources else report_rows(options)

@@ -15,6 +15,10 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
+FEWEST_STRIPS = 4
+"""Strips below which halving triangles makes as few pieces as cutting them into strips."""
+
+
 def area_vectors(corners: Array) -> Array:
     """Outward vectors (F, 3) [m^2], as long as the triangle is large: (b - a) x (c - a) / 2."""
     a, b, c = np.moveaxis(corners, 1, 0)
@@ -54,6 +58,28 @@ def inertia_of(moments: Array) -> Array:
 def sides(corners: Array) -> Array:
     """Lengths (F, 3) [m] of the sides ab, bc, ca."""
     return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+
+
+def across(corners: Array, edge: float) -> Array:
+    """Slivers cut across into strips that are as long as wide or have sides of an edge [m], what
+    is longer; other triangles as they are: (F, 3, 3) again. Halving alone would make a length of n
+    edges into n^1.6 pieces."""
+    lengths = sides(corners)
+    wide = lengths.min(axis=1)
+    long = np.sqrt(np.maximum(edge**2 - wide**2, wide**2))
+    count = np.ceil(lengths.max(axis=1) / long).astype(np.int64)
+    is_sliver = count >= FEWEST_STRIPS
+    turn = (lengths[is_sliver].argmin(axis=1)[:, None] + 2 + np.arange(3)) % 3  # the tip first
+    tip, b, c = np.moveaxis(np.take_along_axis(corners[is_sliver], turn[:, :, None], axis=1), 1, 0)
+    count = count[is_sliver]
+    which = np.repeat(np.arange(len(count)), count)
+    strip = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    near, far = ((strip + n) / count[which] for n in (0, 1))
+    tip, to_b, to_c = (v[which] for v in (tip, b - tip, c - tip))
+    b0, b1 = (tip + part[:, None] * to_b for part in (near, far))
+    c0, c1 = (tip + part[:, None] * to_c for part in (near, far))
+    second = np.stack([b0, c1, c0], axis=1)[strip > 0]  # at the tip there is none
+    return np.concatenate([corners[~is_sliver], np.stack([b0, b1, c1], axis=1), second])
 
 
 def split_triangles(corners: Array, is_large: Callable[[Array], Flags], most: int) -> Array:

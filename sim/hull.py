@@ -28,8 +28,9 @@ NO_VOLUME = 1e-14
 """A volume below this part of area x diagonal is the round-off of a flat surface."""
 
 
-FARTHEST = 1e50
-"""Metres: moments are fifth powers of lengths, and doubles end at 1e308."""
+FARTHEST = 1e6
+"""Metres: moments of patches are up to sixth powers of lengths, and single precision, in which they
+are kept, ends at 3e38."""
 
 
 @dataclass(frozen=True, eq=False)

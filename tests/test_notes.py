@@ -258,7 +258,7 @@ def test_the_displaced_volume_may_be_another_than_the_hulls():
         Buoyancy.from_model(model(custom=custom.replace("0.25", "0")))
 
 
-@pytest.mark.parametrize("size", [1e-7, 1e-4, 1.0, 1e5])
+@pytest.mark.parametrize("size", [1e-7, 1e-4, 1.0, 100.0])
 @pytest.mark.parametrize(
     ("kind", "sizes", "volume"),
     [

@@ -357,12 +357,6 @@ def test_refuses_a_tolerance_that_cannot_be(tolerance):
         Patches(Hull.from_trimesh(CUBE), Sea(), tolerance)
 
 
-def test_refuses_a_tolerance_that_asks_for_too_many_triangles():
-    ship = Hull.from_trimesh(trimesh.creation.box(extents=[200.0, 30.0, 20.0]))
-    with pytest.raises(ValueError, match=r"more than 2000000 on this hull; ask for a larger"):
-        Patches(ship, crossing_waves(0.3, 0.5), 1e-4)
-
-
 def test_same_input_same_bits():
     hull, sea = Hull.from_trimesh(load_mesh("bunny")), three_waves()
     pose = random_poses(1, seed=50)[0]

@@ -36,6 +36,7 @@ def notes_about(model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom])
     return [
         *_about_air(model), *_about_gravity(model, floats), *_about_densities(model, sea, trees),
         *_about_floors(model, sea, floats),
+        *(f"geom '{f.name}': {note}" for f in floats for note in f.method.notes),
     ]  # fmt: skip
 
 

@@ -103,6 +103,8 @@ def overview(scene: Scene, tally: Tally) -> str:
     ]
     for f in floats[:MOST_PLOTTED]:
         hull, method = f.method.hull, type(f.method).__name__.lower()
+        if f.method.takes_tolerance:
+            method += f" to {f.method.tolerance:.2g} m of water height"
         lines.append(f"- {f.name}: {len(hull.faces):,} faces, {hull.volume:.4g} m³, {method}")
     if len(floats) > MOST_PLOTTED:
         lines.append(f"- and {len(floats) - MOST_PLOTTED} more")

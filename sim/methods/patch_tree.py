@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry import area_vectors, cross, distinct_points, sides, split_triangles
+from sim.geometry import across, area_vectors, cross, distinct_points, sides, split_triangles
 from sim.hull import Hull
 from sim.kernels import inline, kernel, record
 from sim.methods.linear import corner_shares
@@ -139,7 +139,9 @@ def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
     edge = min(edge, radius)
     try:
         corners = split_triangles(
-            hull.vertices[hull.faces], lambda c: sides(c).max(axis=1) > edge, MAX_TRIANGLES
+            across(hull.vertices[hull.faces], edge),
+            lambda c: sides(c).max(axis=1) > edge,
+            MAX_TRIANGLES,
         )
     except ValueError as error:
         raise ValueError(

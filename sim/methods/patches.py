@@ -40,6 +40,7 @@ from sim.hull import Hull
 from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
 from sim.methods.linear import write_turned
 from sim.methods.method import Compiled, Kernel, Part, Place, Settings, expect_at_most
+from sim.methods.patch_sizes import cut, default_tolerance
 from sim.methods.patch_tree import (
     LEAF,
     LEAF_TRIANGLES,
@@ -48,10 +49,8 @@ from sim.methods.patch_tree import (
     NODE,
     PATCH,
     PatchTree,
-    build_tree,
     corner,
     corner_set,
-    enclosing_ball,
     joined,
     odd_corner_first,
 )
@@ -69,7 +68,7 @@ from sim.methods.polynomial import (
     monomials,
 )
 from sim.triangle import clip_dry_part
-from sim.water.fit import SAFETY, SHIFT, jet_radius, jet_waves, longest_edge, newton_steps
+from sim.water.fit import SAFETY, SHIFT, jet_waves, newton_steps
 from sim.water.gerstner import WATER, WAVE
 from sim.water.head_jets import HEAD_JET, solve_head_jets
 from sim.water.jets import JET, solve_jets
@@ -77,11 +76,6 @@ from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
-
-DEFAULT_TOLERANCE = 1.0 / 400.0
-"""Of the hull's longest side. Errors of patches cancel: on the meshes of `speed_vs_error.py` this
-much water height leaves less than 5e-5 of the weight of the displaced water; where a single patch
-spans a side of a hull, as on its cube in the swell, some 1e-4."""
 
 INSTANCE = record(pose="i8", row="i8", first="i8", end="i8", tree="i8")
 """A hull of a batch: rows of its pose and its wrench, its first patch and where they end, and the
@@ -112,8 +106,9 @@ class Patches(Compiled):
     """Wrench of a hull in a sea from jets over patches.
 
     tolerance [m of water height]: the head inside a patch is right to it, everywhere in the water
-    and always; None for DEFAULT_TOLERANCE of the hull's longest side. Raises ValueError for a
-    tolerance that is not positive or asks for too many patches.
+    and always; None for the default, which leaves an error of less than 5e-4 of the displaced
+    water's weight in the force, or for what can be kept of it (see `patch_sizes`). Raises
+    ValueError for a tolerance that is not positive or asks for too many patches.
 
     tree: the hull cut for this sea; radius [m]: of the largest patch allowed, inf on flat water;
     fitted: the sea's components that this hull's jets are made of, those that the radius was found
@@ -123,18 +118,20 @@ class Patches(Compiled):
     takes_tolerance = True
 
     def __init__(self, hull: Hull, sea: Sea, tolerance: float | None = None) -> None:
-        if tolerance is None:
-            tolerance = DEFAULT_TOLERANCE * float(np.ptp(hull.bounds, axis=0).max())
-        if not (np.isfinite(tolerance) and tolerance > 0):
+        if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
             raise ValueError(
                 f"the tolerance is {tolerance} m of water height; it must be finite and above 0"
             )
         super().__init__(hull, sea)
-        self.tolerance = float(tolerance)
-        corners, sizes = hull.vertices[hull.faces], np.linalg.norm(hull.area_vectors, axis=1)
-        _, largest = enclosing_ball(corners, sizes)
-        self.radius = jet_radius(sea, self.tolerance, largest)
-        self.tree = build_tree(hull, self.radius, longest_edge(sea, self.tolerance))
+        sizes, self.tree = cut(hull, sea, tolerance)
+        self.radius, self.tolerance = sizes.radius, sizes.tolerance
+        if tolerance is None and self.tolerance > default_tolerance(hull):
+            self.notes = (
+                f"the water's height is kept to {self.tolerance:.2g} m instead of "
+                f"{default_tolerance(hull):.2g}, as much as {len(self.tree.patches)} patches can "
+                "in waves so steep or so short; a buoyancy_tolerance of your own is kept or "
+                "refused",
+            )
         self.fitted = jet_waves(sea, self.radius)
         self._prepare()
 

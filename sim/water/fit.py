@@ -39,14 +39,18 @@ of a patch is near its middle. The wrench's errors were smallest so, among 0.4 t
 hydrostatic pressure and 0 to 1 for one that decays: that is nearly a harmonic function, of which
 Taylor's cubic is the best one over a ball."""
 
+WIDE = 3.0
+"""Radii of a patch over a wavelength, times 2 pi, above which a wave is fitted over all of it: no
+cubic follows it, and one that fits its middle would be far off at the rim."""
+
 DIRECTIONS, RINGS = 8, (0.25, 0.5, 0.75, 1.0)
 """Directions and distances, in radii, in which jets are tried on the samples of the sea."""
 
 DIPS = tuple(np.radians([-90.0, -45.0, 0.0, 45.0]))
 """Slopes of these directions, where jets are tried below the surface."""
 
-RIPPLES = 0.1
-"""Part of a tolerance that waves too low to be worth any triangles may take."""
+MOST_TURNS = 1000.0
+"""Radii of a disc over a wavelength, times 2 pi, above which a fit takes them for so many."""
 
 RADII = 20
 """Radii that are tried at most: a tolerance near round-off is met by none, and the number of
@@ -98,9 +102,9 @@ def _stepped(sea: Sea, x: Array, y: Array, labels: Array) -> tuple[Array, float]
     return stepped, float(np.sqrt(largest))
 
 
-def fitted_waves(sea: Sea, radius: float) -> Table:
-    """Components whose jets are cubics that fit best over a disc of a radius [m], instead of
-    Taylor's, which are best in its centre and several times worse at its rim.
+def fitted_waves(sea: Sea, radius: float | Array) -> Table:
+    """Components whose jets are cubics that fit best over a disc of a radius [m], or of one for
+    each wave, instead of Taylor's, which are best in its centre and several times worse at its rim.
 
     Along its direction each wave is replaced by the cubic next to it in the mean square over
     the disc. With s the place over the radius and u = k radius that is
@@ -113,7 +117,8 @@ def fitted_waves(sea: Sea, radius: float) -> Table:
     label's Newton steps still shrink the residual, by a third or more, in any sea.
     """
     fitted = sea.components.copy()
-    u = fitted["wavenumber"][:, None] * radius
+    # beyond MOST_TURNS the coefficients are below 1e-4 of the amplitude: the disc averages it out
+    u = np.minimum(fitted["wavenumber"] * radius, MOST_TURNS)[:, None]
     count = 32 + 2 * int(u.max(initial=0.0))  # enough to resolve the shortest wave
     angles = np.pi * np.arange(1, count) / count
     s, weights = np.cos(angles), 2.0 / count * np.sin(angles)
@@ -129,12 +134,14 @@ def fitted_waves(sea: Sea, radius: float) -> Table:
 
 def jet_waves(sea: Sea, radius: float) -> Table:
     """The fitted components of which jets over patches of a radius [m] are made."""
-    return fitted_waves(sea, (DISC if sea.pressure == "hydrostatic" else DECAYING_DISC) * radius)
+    share = DISC if sea.pressure == "hydrostatic" else DECAYING_DISC
+    is_short = sea.components["wavenumber"] * radius > WIDE
+    return fitted_waves(sea, radius * np.where(is_short, 1.0, share))
 
 
-def jet_radius(sea: Sea, tolerance: float, largest: float) -> float:
+def jet_radius(sea: Sea, tolerance: float, largest: float, smallest: float = 0.0) -> float:
     """Radius [m] up to which a fitted jet of the sea is right to the tolerance [m], at most
-    `largest` [m]; inf on flat water.
+    `largest` [m]; inf on flat water. What is below `smallest` [m] may be too large.
 
     A bound from the fourth derivatives would do as well, but where many waves would have to
     conspire it asks for several times too many patches. So jets are tried where particles
@@ -142,15 +149,20 @@ def jet_radius(sea: Sea, tolerance: float, largest: float) -> float:
     """
     if not sea.components.size:
         return np.inf
-    radius, find_error = largest, jet_error if sea.pressure == "hydrostatic" else head_jet_error
+    radius = largest
     for _ in range(RADII):
-        waves = jet_waves(sea, radius)
-        error = SAFETY * find_error(sea, waves, (1.0 + SHIFT) * radius)
-        if error <= tolerance:
+        error = jet_tolerance(sea, radius)
+        if error <= tolerance or radius < smallest:
             break
         # error ~ radius^4 where it is small; a hair less, so that the next try passes
         radius *= 0.99 * (tolerance / error) ** 0.25
     return radius
+
+
+def jet_tolerance(sea: Sea, radius: float) -> float:
+    """Tolerance [m] to which the fitted jets of a sea are right over patches of a radius [m]."""
+    find_error = jet_error if sea.pressure == "hydrostatic" else head_jet_error
+    return SAFETY * find_error(sea, jet_waves(sea, radius), (1.0 + SHIFT) * radius)
 
 
 def jet_error(sea: Sea, waves: Table, radius: float) -> float:
@@ -216,34 +228,34 @@ def cubic(jets: Table, dx: float, dy: float) -> Array:
     return height
 
 
-def without_ripples(sea: Sea, tolerance: float) -> tuple[Sea, float]:
-    """A sea without the lowest of its waves, as many as are together no higher than the part
-    RIPPLES of a tolerance [m], and what they leave of that [m]."""
-    waves = sorted(sea.waves, key=lambda wave: wave.amplitude)
-    heights = 2.0 * np.cumsum([wave.amplitude for wave in waves])
-    count = int(np.count_nonzero(heights <= RIPPLES * tolerance))
-    if count == 0:
-        return sea, tolerance
-    calmer = Sea(waves[count:], sea.density, sea.gravity, sea.level, sea.pressure)
-    return calmer, tolerance - float(heights[count - 1])
-
-
-def longest_edge(sea: Sea, tolerance: float) -> float:
-    """Edge [m] up to which a surface linear over a triangle is right to the tolerance [m].
+def longest_edge(sea: Sea, waves: Table, tolerance: float) -> float:
+    """Edge [m] up to which heads of jets of fitted waves, linear over a triangle, are right to the
+    tolerance [m] of what the jets say.
 
     Linear interpolation within a circle of radius r misses M r^2 / 2, M being the largest second
-    derivative (of the samples, times SAFETY), and r is at most the edge over the root of 3.
-    Ripples, which miss no more than their height, are left out.
+    derivative, and r is at most the edge over the root of 3.
     """
-    sea, tolerance = without_ripples(sea, tolerance)
-    if not sea.components.size:
-        return np.inf
+    bend = largest_bend(sea, waves)
+    return float(np.sqrt(6.0 * tolerance / bend)) if bend > 0.0 else np.inf
+
+
+def edge_tolerance(sea: Sea, waves: Table, edge: float) -> float:
+    """Tolerance [m] to which heads of jets are right, linear over triangles of an edge [m]."""
+    return largest_bend(sea, waves) * edge**2 / 6.0
+
+
+def largest_bend(sea: Sea, waves: Table) -> float:
+    """Largest second derivative [1/m] of the head in any direction that jets of fitted waves have,
+    at the samples, times SAFETY; 0 without waves."""
+    if not waves.size:
+        return 0.0
     x, y = sample_places(sea)
     if sea.pressure == "hydrostatic":
-        hessians = sea.hessian(x, y, 0.0)
+        jets = np.empty(x.size, JET)
+        solve_jets(x, y, waves, 0.0, float(sea.water["tolerance"][0]), 0, jets)
+        names, axes = ("z_xx", "z_xy", "z_xy", "z_yy"), 2
     else:
-        jets = head_jets(sea, sea.components, x, y, sea.elevation(x, y, 0.0) - sea.level)
-        rows = [jets[n] for n in ("xx", "xy", "xz", "xy", "yy", "yz", "xz", "yz", "zz")]
-        hessians = np.stack(rows, axis=-1).reshape(-1, 3, 3)
-    largest = SAFETY * float(np.abs(np.linalg.eigvalsh(hessians)).max())
-    return np.sqrt(6.0 * tolerance / largest) if largest > 0.0 else np.inf
+        jets = head_jets(sea, waves, x, y, sea.elevation(x, y, 0.0) - sea.level)
+        names, axes = ("xx", "xy", "xz", "xy", "yy", "yz", "xz", "yz", "zz"), 3
+    hessians = np.stack([jets[n] for n in names], axis=-1).reshape(-1, axes, axes)
+    return SAFETY * float(np.abs(np.linalg.eigvalsh(hessians)).max())

@@ -1,0 +1,136 @@
+"""Patch sizes: how finely a hull is cut for a sea.
+
+Patches and triangles small enough for a tolerance [m of water height] may be as many as one likes:
+next to a crest that is about to fold no cubic holds. So a tolerance that is asked for is kept, or
+refused before anything is cut; the default one is kept where it takes no more than MOST_PATCHES and
+MOST_TRIANGLES, and else is what so many reach.
+
+How many there will be is estimated from the hull's area and length. On boxes, cylinders and
+meshes, flat and slender ones, the estimates were within a factor of two of the counts.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.geometry import sides
+from sim.hull import Hull
+from sim.methods.patch_tree import MAX_TRIANGLES, PatchTree, build_tree, enclosing_ball
+from sim.water.fit import edge_tolerance, jet_radius, jet_tolerance, jet_waves, longest_edge
+from sim.water.sea import Sea
+
+Array = NDArray[np.float64]
+
+OF_LENGTH, OF_DEPTH = 1.0 / 400.0, 1.0 / 100.0
+"""The default tolerance, over the longest side of the hull and over its volume by the largest area
+that it shows along an axis, whichever is less. A head that was off by it everywhere would change
+the force by OF_DEPTH of the displaced water's weight; errors of patches differ and cancel."""
+
+MOST_PATCHES, MOST_TRIANGLES = 4_000, 40_000
+"""Of a hull at the default tolerance; triangles besides twice its own. It is then cut within a
+second, and a wrench in one wave takes a quarter of a millisecond."""
+
+MOST_PATCHES_ASKED = 100_000
+"""Of a hull at a tolerance that is asked for, which takes some twenty seconds."""
+
+SPREAD, HALVES = 3.5, 8.0
+"""Patches of a radius r [m], each as large as a disc of that radius, that cover its area, and
+triangles that cover the square of their longest edge. (Three discs of four lie across two sides of
+a box or are smaller.)"""
+
+
+class Sizes(NamedTuple):
+    """Of a cut: largest radius of a patch and longest edge of a triangle, and the tolerance that
+    they keep, all in metres."""
+
+    radius: float
+    edge: float
+    tolerance: float
+
+
+def default_tolerance(hull: Hull) -> float:
+    """The tolerance [m] that a hull has where none is asked for, if it can be kept."""
+    depth = hull.volume / (0.5 * np.abs(hull.area_vectors).sum(axis=0).max())
+    return float(min(OF_LENGTH * _length(hull), OF_DEPTH * depth))
+
+
+def cut(hull: Hull, sea: Sea, tolerance: float | None) -> tuple[Sizes, PatchTree]:
+    """A hull cut for a sea to a tolerance [m], or, with None, to the default one or what can be
+    kept of it. Raises ValueError for one that asks for too many patches or triangles."""
+    if tolerance is not None:
+        sizes = _asked(hull, sea, tolerance)
+        return sizes, build_tree(hull, sizes.radius, sizes.edge)
+    fewest = MOST_PATCHES
+    while True:
+        sizes = _default(hull, sea, fewest)
+        tree = build_tree(hull, sizes.radius, sizes.edge)
+        if len(tree.patches) <= MOST_PATCHES or sizes.radius == np.inf:
+            return sizes, tree
+        fewest = int(0.9 * fewest * MOST_PATCHES / len(tree.patches))
+
+
+def _asked(hull: Hull, sea: Sea, tolerance: float) -> Sizes:
+    """Of a tolerance that is asked for; refused by estimate, where cutting would take its time."""
+    least = _radius_of(hull, MOST_PATCHES_ASKED)
+    radius = jet_radius(sea, tolerance, _reach(hull), least)
+    edge = longest_edge(sea, jet_waves(sea, radius), tolerance)
+    found = ""
+    if radius < least:
+        found = f"patches below {radius:.3g} m, more than {MOST_PATCHES_ASKED}"
+    elif _triangles(hull, min(edge, radius)) > 2.0 * MAX_TRIANGLES:  # nearer ones are counted
+        found = f"triangles with edges below {min(edge, radius):.3g} m, more than {MAX_TRIANGLES}"
+    if found:
+        raise ValueError(
+            f"the tolerance asks for {found} on this hull; ask for a larger tolerance or a calmer "
+            "sea"
+        )
+    return Sizes(radius, edge, tolerance)
+
+
+def _default(hull: Hull, sea: Sea, most: int) -> Sizes:
+    """Of the default tolerance, or of so many patches and no more triangles than may be, and the
+    tolerance that they keep."""
+    tolerance, least = default_tolerance(hull), _radius_of(hull, most)
+    radius = jet_radius(sea, tolerance, _reach(hull), least)
+    if radius < least:
+        radius, tolerance = least, jet_tolerance(sea, least)
+    waves = jet_waves(sea, radius)
+    edge = longest_edge(sea, waves, tolerance)
+    shortest = _edge_of(hull, MOST_TRIANGLES + 2 * len(hull.faces))
+    if edge < shortest:
+        edge, tolerance = shortest, max(tolerance, edge_tolerance(sea, waves, shortest))
+    return Sizes(radius, edge, tolerance)
+
+
+def _reach(hull: Hull) -> float:
+    """Radius [m] of a patch that is all of the hull."""
+    sizes = np.linalg.norm(hull.area_vectors, axis=1)
+    return enclosing_ball(hull.vertices[hull.faces], sizes)[1]
+
+
+def _length(hull: Hull) -> float:
+    return float(np.ptp(hull.bounds, axis=0).max())
+
+
+def _radius_of(hull: Hull, patches: int) -> float:
+    """Radius [m] of so many patches: SPREAD discs' area is the hull's, and twice their radii, for
+    slender hulls, its length besides."""
+    discs = SPREAD / np.pi * float(np.linalg.norm(hull.area_vectors, axis=1).sum())
+    length = _length(hull)
+    return (length + np.sqrt(length**2 + 4.0 * patches * discs)) / (2.0 * patches)
+
+
+def _triangles(hull: Hull, edge: float) -> float:
+    """About how many triangles there are when none has an edge longer than one [m]."""
+    areas = np.linalg.norm(hull.area_vectors, axis=1)
+    longest = sides(hull.vertices[hull.faces]).max(axis=1)
+    return float(np.maximum(np.maximum(HALVES * areas, longest * edge) / edge**2, 1.0).sum())
+
+
+def _edge_of(hull: Hull, triangles: int) -> float:
+    """Edge [m] of so many triangles, to a tenth."""
+    edge = _length(hull)
+    while _triangles(hull, edge) < triangles:
+        edge /= 1.1
+    return edge

@@ -1,0 +1,91 @@
+"""Patch sizes: how finely hulls are cut, what is refused, and what the default leaves."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from sim import Hull, Patches, Sea, Wave
+from sim.geometry import across, area_vectors, areas, cone_volumes, sides, split_triangles
+from sim.measure.random_cases import random_cases
+from sim.methods import patch_sizes
+from sim.methods.patch_sizes import MOST_PATCHES, MOST_TRIANGLES, default_tolerance
+from sim.water.fit import jet_tolerance
+from sim.water.head import PRESSURES
+
+TURN = 2.0 * np.pi
+
+
+def box(extents) -> Hull:
+    return Hull.from_trimesh(trimesh.creation.box(extents=extents))
+
+
+@pytest.mark.parametrize(
+    ("extents", "steepness", "tolerance", "reason"),
+    [
+        ((200.0, 30.0, 20.0), 0.5, 1e-4, r"patches below .* more than 100000 on this hull; ask"),
+        ((10.0, 4.0, 2.0), 0.95, 1e-3, r"patches below .* more than 100000 on this hull; ask"),
+        ((10.0, 4.0, 2.0), 0.3, 1e-30, r"patches below .* more than 100000 on this hull; ask"),
+        ((100.0, 100.0, 1.0), 0.05, 1e-4, r"triangles with .* more than 2000000 on this hull; ask"),
+    ],
+)
+def test_refuses_a_tolerance_that_asks_for_too_much(
+    extents, steepness, tolerance, reason, monkeypatch
+):
+    """By estimate, before anything is cut."""
+    monkeypatch.setattr(patch_sizes, "build_tree", None)
+    with pytest.raises(ValueError, match=reason):
+        Patches(box(extents), Sea([Wave(steepness * 20.0 / TURN, 20.0)]), tolerance)
+
+
+@pytest.mark.parametrize("steepness", [0.16, 0.8, 0.95, 0.99])
+@pytest.mark.parametrize(
+    "extents",
+    [(1.0, 1.0, 1.0), (10.0, 4.0, 2.0), (200.0, 40.0, 4.0), (20.0, 0.01, 0.01), (1e6, 1e6, 1e6)],
+    ids=str,
+)
+def test_the_default_tolerance_has_a_budget(extents, steepness):
+    hull, sea = box(extents), Sea([Wave(steepness * 4.0 / TURN, 4.0)])
+    method = Patches(hull, sea)
+    assert len(method.tree.patches) <= MOST_PATCHES
+    assert np.count_nonzero(method.tree.leaves["triangles"]) <= 1.2 * MOST_TRIANGLES  # estimated
+    wished = default_tolerance(hull)
+    assert (method.tolerance > wished) == bool(method.notes)
+    assert method.tolerance >= wished
+    if not method.notes:
+        assert method.tolerance == wished
+    else:  # no more than it takes: the budget is used
+        assert len(method.tree.patches) > 0.5 * MOST_PATCHES or max(extents) == 20.0
+
+
+def test_the_default_tolerance_goes_by_what_counts_for_the_force():
+    """Random hulls and seas: the force is right to what the docstring of Patches claims."""
+    cases = list(random_cases(8, seed=7, truth=1e-5))
+    assert any("box" in c.name for c in cases)
+    assert len({c.name.split(";")[0] for c in cases}) == 8
+    assert sum(c.is_coarsened for c in cases) < 4
+    assert max(c.error for c in cases if not c.is_coarsened) < 5e-4
+    assert max(c.error for c in cases) < 1e-3
+
+
+def test_slivers_are_cut_across():
+    """Into as many triangles as it takes edges along them, and the surface stays the same."""
+    corners = box((20.0, 0.01, 0.02)).vertices[box((20.0, 0.01, 0.02)).faces]
+    cut = split_triangles(across(corners, 0.1), lambda c: sides(c).max(axis=1) > 0.1, 10_000)
+    assert 8 * 200 <= len(cut) <= 2.2 * 8 * 200
+    np.testing.assert_allclose(area_vectors(cut).sum(axis=0), 0.0, atol=1e-12)
+    assert areas(cut).sum() == pytest.approx(areas(corners).sum(), rel=1e-12)
+    assert cone_volumes(cut).sum() == pytest.approx(0.004, rel=1e-12)
+    chunky = box((1.0, 1.0, 1.0))
+    np.testing.assert_array_equal(
+        across(chunky.vertices[chunky.faces], 0.1), chunky.vertices[chunky.faces]
+    )
+
+
+def test_waves_much_shorter_than_patches_are_averaged_and_not_extrapolated():
+    """A cubic that fits ripples over the middle of a patch is off by hundreds of their heights at
+    its rim; over all of it, by no more than a few, however large it is."""
+    swell, ripples = Wave(0.3, 12.0), [Wave(0.02, 0.8, 1.0), Wave(0.03, 1.5, 2.0)]
+    for pressure in PRESSURES:
+        sea = Sea([swell, *ripples], pressure=pressure)
+        assert jet_tolerance(sea, 1.7) < 0.2  # with one disc for all waves 17
+        assert jet_tolerance(Sea(ripples, pressure=pressure), 1e5) < 4.0 * 0.05
