@@ -7,7 +7,7 @@ from scenes import CUBE, WAVES, model
 
 from independent import MODELS
 from sim import DivergenceError, Scene, simulate
-from sim.coupling.divergence import body_energies
+from sim.coupling.watch import energies
 
 BALL = """
     <body name="ball" pos="0 0 {z}"><freejoint/>
@@ -119,14 +119,14 @@ def test_the_energy_watched_is_conserved_in_flat_water():
     quarter of the displaced water's weight times the length while it passes the surface."""
     scene = ball(102.5, 0.0002, z=-5.0)
     weight = scene.model.body_mass[1] / 0.1 * 9.81
-    energies, heights = [], []
+    totals, heights = [], []
     for sample in simulate(scene, 2.0, rate=500.0):
-        energies.append(body_energies(scene).sum())
+        totals.append(energies(scene).sum())
         heights.append(sample.positions[0, 2])
-    change = (np.array(energies) - energies[0]) / weight
+    change = (np.array(totals) - totals[0]) / weight
     clear = np.abs(heights) > 0.101
     assert change[0] == 0.0
-    assert energies[0] / weight == pytest.approx(5.0 - 0.5)  # up against the water, down the weight
+    assert totals[0] / weight == pytest.approx(5.0 - 0.5)  # up against the water, down the weight
     assert np.abs(change[clear]).max() < 0.02
     assert np.abs(change).max() < 0.25 * 0.2
 
@@ -175,3 +175,88 @@ def test_gravity_that_is_switched_off_later_is_named():
     scene = Scene.from_model(model(LIGHT.format("", 0.1), ("ball",)))
     scene.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     assert "gravity is switched off by a flag" in broken(scene)
+
+
+SHIP = """
+    <body name="ship" pos="30 0 {z}"><freejoint/>
+      <geom name="ship" type="box" size="10 3 1.5" density="400"/></body>"""
+
+
+def time_of_divergence(scene: Scene) -> float:
+    with pytest.raises(DivergenceError) as caught:
+        list(simulate(scene, 60.0))
+    assert caught.value.body == "ball"
+    return caught.value.time
+
+
+def test_a_small_body_that_diverges_is_noticed_beside_a_large_one():
+    """At the same instant as alone, whatever the ship's energy is."""
+    option = '<option timestep="0.02"/>'
+    light = BALL.format(z=0.05, density=0.5)
+    ship = SHIP.format(z=-0.15)
+    alone = model(light, ("ball",), option=option)
+    beside = model(light + ship, ("ball", "ship"), option=option)
+    noticed = [time_of_divergence(Scene.from_model(m)) for m in (alone, beside)]
+    assert noticed[0] == noticed[1]
+
+
+def test_a_body_may_have_its_energy_from_one_that_it_touched():
+    """A ship falls on one end of a plank, for less than the time between two samples; a ball on the
+    other flies."""
+    plank = """
+        <body name="plank" pos="0 0 20"><joint axis="0 1 0"/>
+          <geom type="box" size="2 0.2 0.05" mass="1"/></body>
+        <body name="ball" pos="1.8 0 20.14"><freejoint/>
+          <geom name="ball" type="sphere" size="0.08" mass="0.05"/></body>
+        <body name="ship" pos="-1.8 0 22"><freejoint/>
+          <geom name="ship" type="box" size="0.2 0.2 0.2" mass="30"/></body>"""
+    scene = Scene.from_model(model(plank, ("ball", "ship"), option='<option timestep="0.001"/>'))
+    heights = [s.positions[0, 2] for s in simulate(scene, 3.0, rate=2.0)]
+    assert max(heights) > 24.0  # of itself it could have fallen only
+
+
+def driven(density: float, timestep: float) -> Scene:
+    body = BALL.format(z=0.05, density=density).replace("</body>", '<site name="screw"/></body>')
+    screw = '<actuator><general site="screw" gear="1 0 0 0 0 0"/></actuator>'
+    option = f'<option timestep="{timestep}"/>'
+    return Scene.from_model(model(body, ("ball",), extra=screw, option=option))
+
+
+def test_what_actuators_do_is_counted_and_no_divergence():
+    scene = driven(500.0, 0.005)
+    scene.data.ctrl[:] = 40.0
+    start = energies(scene).sum()
+    *_, last = simulate(scene, 20.0)
+    assert last.positions[0, 0] > 500.0
+    gained = energies(scene).sum() - start  # far beyond what waves give
+    assert gained == pytest.approx(40.0 * last.positions[0, 0], rel=0.01)
+
+
+def test_a_scene_with_actuators_is_watched_too():
+    """A screw that runs explains nothing of what throws a ball that is too light."""
+    scene = driven(0.5, 0.02)
+    scene.data.ctrl[:] = 1e-3
+    with pytest.raises(DivergenceError, match="too long for its heave"):
+        list(simulate(scene, 60.0))
+
+
+def test_springs_are_counted_and_no_divergence():
+    """A float shot out of the water by a spring of a hundred times its own energy."""
+    body = """
+        <body name="shot" pos="0 0 0"><joint type="slide" axis="0 0 1" stiffness="2000"
+          springref="{}"/><geom name="shot" type="sphere" size="0.1" density="500"/></body>"""
+    quiet, lively = (
+        Scene.from_model(model(body.format(ref), ("shot",), option='<option timestep="0.001"/>'))
+        for ref in (0.0, 10.0)
+    )
+    *_, last = simulate(lively, 3.0)
+    assert np.abs(last.positions).max() > 1.0
+    start = energies(Scene.from_model(lively.model)).sum()
+    assert start - energies(quiet).sum() == pytest.approx(0.5 * 2000.0 * 10.0**2, rel=0.01)
+    assert energies(lively).sum() == pytest.approx(start, rel=0.01)
+
+
+def test_a_float_that_rises_by_gravity_compensation_is_no_divergence():
+    scene = Scene.from_model(model(LIGHT.format('gravcomp="1"', 0.1), ("ball",)))
+    *_, last = simulate(scene, 30.0)
+    assert last.positions[0, 2] > 50.0

@@ -1,34 +1,17 @@
-"""Divergence: notice a state that cannot be, and say which of the usual causes fits.
+"""Divergence: a state that cannot be, and which of the usual causes fits it.
 
-Numbers that are not finite MuJoCo reports itself. But a stiff float on too long a timestep may also
-be thrown kilometres high with every number finite and no warning. What gives
-it away is its energy: in flat water the sum of
-
-    kinetic energy + m g z + what it takes to push the hull so far under
-
-over all bodies stays, drag only lowers it, and waves cannot do more than carry a body along
-at their own speed and push it under or lift it by their height. The last term is density g V times
-the depth of the hull's centroid once it is submerged, and that of a column of the same height
-while it is not: an error of a fraction of density g V times the height.
+MuJoCo reports numbers that are not finite itself; `watch` finds states that are finite and yet
+nothing explains.
 """
-
-from collections.abc import Iterable, Sequence
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coupling import callback
-from sim.coupling.floats import FloatingGeom
 from sim.coupling.scene import Scene
 from sim.geometry import areas, cone_centroid, cone_moments, cone_volumes, inertia_of
-from sim.hull import Hull
 
 Array = NDArray[np.float64]
-
-MARGIN = 4.0
-"""How many times the explained change of energy passes. Resonance in waves and errors of
-integration that one can live with stay below; a divergence grows through any margin."""
 
 STABLE = 2.0
 """Semi-implicit Euler holds an oscillation for h omega below this; RK4 to 2.8."""
@@ -51,114 +34,6 @@ class DivergenceError(RuntimeError):
         self.body = body
         self.time = time
         super().__init__(f"body '{body}' diverged at {time:.4f} s: its {what}; {remedy}")
-
-
-class Watch:
-    """Holds a scene's energy against what explains it.
-
-    `begin` before steps, `check` after them: what happens between `check` and the next
-    `begin` is the caller's doing and is accepted.
-    """
-
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        self.start = scene.data.qpos.copy()
-        self._allowance = _allowances(scene)
-        self._baseline: float | None = None
-        self._last = 0.0
-
-    def begin(self) -> None:
-        """Take the energy as it is now as given."""
-        energy = float(body_energies(self.scene).sum())
-        self._baseline = energy + (0.0 if self._baseline is None else self._baseline - self._last)
-
-    def check(self) -> None:
-        """Raise DivergenceError when the energy cannot be explained."""
-        scene = self.scene
-        energies = body_energies(scene)
-        self._last = float(energies.sum())
-        if _is_driven(scene):
-            self._baseline = self._last
-            return
-        gain, explained = self._last - self._baseline, MARGIN * float(self._allowance.sum())
-        if gain <= explained:
-            return
-        ratios = (energies / np.maximum(self._allowance, 1e-3 * self._allowance.max()))[1:]
-        body = 1 + int(np.argmax(ratios))
-        what = (
-            f"energy cannot be explained: the scene has {gain:.3g} J more than at the start, of "
-            f"which gravity, waves and buoyancy explain at most {explained:.3g} J"
-        )
-        name = scene.model.body(body).name or f"body {body}"
-        raise DivergenceError(name, scene.data.time, what, remedy(scene, self.start, body))
-
-
-def _is_driven(scene: Scene) -> bool:
-    """Whether something may feed energy in that is not accounted for."""
-    model, data = scene.model, scene.data
-    return bool(
-        callback.is_other_set()
-        or model.nu
-        or model.neq
-        or model.ntendon
-        or model.nflex
-        or model.nmocap
-        or model.jnt_stiffness.any()
-        or data.qfrc_applied.any()
-        or np.delete(data.xfrc_applied, scene.buoyancy.bodies, axis=0).any()
-    )
-
-
-def body_energies(scene: Scene) -> Array:
-    """Energy (nbody,) [J] of every body; needs no more than `qpos` and `qvel` to be current."""
-    model, data = scene.model, scene.data
-    sea = scene.buoyancy.sea
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_comVel(model, data)
-    angular, at_reference = data.cvel[:, :3], data.cvel[:, 3:]
-    arm = data.xipos - data.subtree_com[model.body_rootid]
-    linear = at_reference + np.cross(angular, arm)
-    axes = data.ximat.reshape(-1, 3, 3)
-    own = np.einsum("bij,bi->bj", axes, angular)
-    energies = 0.5 * (model.body_mass * (linear**2).sum(1) + (model.body_inertia * own**2).sum(1))
-    energies += model.body_mass * sea.gravity * data.xipos[:, 2]
-    for hull, floats in _of_each_hull(scene.buoyancy.floats):
-        geoms, bodies = [f.geom for f in floats], [f.body for f in floats]
-        depths, ups = sea.level - data.geom_xpos[geoms, 2], data.geom_xmat[geoms, 6:]
-        rises = ups @ hull.vertices.T
-        lows, highs = depths - rises.min(axis=1), depths - rises.max(axis=1)
-        shares = np.clip(lows / (lows - highs), 0.0, 1.0)
-        pushed = shares**2 * (depths - ups @ hull.centroid - np.minimum(highs, 0.0))
-        volumes = hull.volume * np.array([f.displaced for f in floats])
-        np.add.at(energies, bodies, sea.density * sea.gravity * volumes * pushed)
-    return energies
-
-
-def _of_each_hull(
-    floats: Sequence[FloatingGeom],
-) -> Iterable[tuple[Hull, list[FloatingGeom]]]:
-    """Each hull, equal ones being one object, and the geoms that have it."""
-    found: dict[int, tuple[Hull, list[FloatingGeom]]] = {}
-    for f in floats:
-        found.setdefault(id(f.method.hull), (f.method.hull, []))[1].append(f)
-    return found.values()
-
-
-def _allowances(scene: Scene) -> Array:
-    """Change of energy (nbody,) [J] that a float may have: its own and the displaced water's weight
-    times a quarter of its length (the error of `body_energies`) and the waves' height, and
-    motion at twice the speed of the fastest wave."""
-    model, sea = scene.model, scene.buoyancy.sea
-    speed = max((np.sqrt(sea.gravity / w.wavenumber) for w in sea.waves), default=0.0)
-    allowances = np.zeros(model.nbody)
-    for f in scene.buoyancy.floats:
-        hull, mass = f.method.hull, float(model.body_mass[f.body])
-        length = float(np.linalg.norm(hull.bounds[1] - hull.bounds[0]))
-        weight = (mass + sea.density * hull.volume) * sea.gravity
-        allowances[f.body] += weight * (0.25 * length + 2.0 * sea.amplitude)
-        allowances[f.body] += 2.0 * mass * speed**2
-    return allowances
 
 
 def remedy(scene: Scene, start: Array, body: int) -> str:

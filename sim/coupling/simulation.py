@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coupling.divergence import DivergenceError, Watch, remedy
+from sim.coupling.divergence import DivergenceError, remedy
 from sim.coupling.scene import Scene
+from sim.coupling.watch import Watch
 
 Array = NDArray[np.float64]
 
@@ -68,8 +69,8 @@ def simulate(
     simulations may be interleaved and models compiled in between. Raises DivergenceError,
     and ValueError for a duration or rate that cannot be.
 
-    watch: whether to stop a scene whose energy neither gravity nor waves explain; where forces act
-    that are not known here (your own callback, actuators, applied forces) it looks away by itself.
+    watch: whether to stop a scene whose energy neither gravity, waves, springs, actuators nor
+    forces that you apply explain; where a passive callback of yours acts, it looks away by itself.
     """
     check_run(scene, duration, rate)
     return _samples(scene, duration, rate, watch)
@@ -106,10 +107,11 @@ def _samples(scene: Scene, duration: float, rate: float, watched: bool) -> Itera
         frame = np.floor(step * timestep * rate + 1e-9) + 1.0
         due = int(np.ceil(frame / (rate * timestep) - 1e-9))
         due = min(max(due, step + 1), last_step)
-        watch.begin()
+        if watched:
+            watch.begin()
         started = perf_counter()
         with scene.buoyancy.installed():
-            _advance(scene, due - step, watch.start)
+            _advance(scene, due - step, watch, watched)
         step_seconds += perf_counter() - started
         if watched:
             watch.check()
@@ -118,9 +120,9 @@ def _samples(scene: Scene, duration: float, rate: float, watched: bool) -> Itera
         yield observe(scene, step, step_seconds, buoyancy_seconds)
 
 
-def _advance(scene: Scene, steps: int, start: Array) -> None:
-    """So many steps of a run that started at the positions `start`, in one call. Where MuJoCo had
-    to reset the state they are taken again one by one, which raises DivergenceError in time."""
+def _advance(scene: Scene, steps: int, watch: Watch, watched: bool) -> None:
+    """So many steps in one call. Where MuJoCo had to reset the state they are taken again one by
+    one, which raises DivergenceError in time, or shows a contact that came and went in between."""
     model, data = scene.model, scene.data
     before, counts = np.empty(mujoco.mj_stateSize(model, RESUMABLE)), data.warning.number
     counts_before = counts.copy()
@@ -129,12 +131,13 @@ def _advance(scene: Scene, steps: int, start: Array) -> None:
         name = scene.buoyancy.body_names[0]
         raise DivergenceError(name, data.time, "time is not finite", "set data.time to a number")
     mujoco.mj_step(model, data, steps)
-    if np.array_equal(counts, counts_before):
+    if np.array_equal(counts, counts_before) and (not watched or watch.is_explained()):
         return
     counts[:] = counts_before
     mujoco.mj_setState(model, data, before, RESUMABLE)
     for _ in range(steps):
-        _step(scene, start)
+        _step(scene, watch.start)
+        watch.touched()
 
 
 def _step(scene: Scene, start: Array) -> None:
