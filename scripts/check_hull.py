@@ -22,6 +22,7 @@ from command_line import (
     check_writable,
     positive,
     print_table,
+    refusal,
     run_script,
     say_errors,
     write_json,
@@ -167,8 +168,7 @@ def main(arguments: list[str] | None = None) -> int:
         surface = read_surface(options.file, options.scale)
         before = survey(*surface)
     except (ValueError, OSError) as error:
-        say_errors("check_hull.py", error)
-        return UNUSABLE_INPUT
+        return refusal("check_hull.py", error)
     print(options.file)
     for title, text in lines_of(before):
         print(f"  {title:<24}{text}")

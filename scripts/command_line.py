@@ -6,11 +6,13 @@ order or to keep says for how long: with `stop_signals`, or with `interruptible`
 """
 
 import argparse
+import errno
 import importlib.util
 import json
 import os
 import signal
 import sys
+import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -28,6 +30,12 @@ SAME_SIGNAL = 0.5
 
 NO_WIDTHS: Mapping[str, int] = MappingProxyType({})
 
+LARGEST, MOST = 1e9, 1_000_000
+"""Numbers and counts on the command line are no larger."""
+
+LONGEST_NOTE = 200
+"""Characters of a note that is a library's: some have forty lines."""
+
 COMPILING_NOTICE_AFTER = 1.0
 """Seconds of compiling after which it is worth a line."""
 
@@ -42,18 +50,19 @@ class Parser(argparse.ArgumentParser):
 def positive(text: str) -> float:
     """A number above 0 from the command line."""
     value = float(text)
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a finite number above 0")
+    if not 0.0 < value <= LARGEST:
+        raise argparse.ArgumentTypeError(f"{text} is not a number above 0, and at most {LARGEST:g}")
     return value
 
 
-def at_least(lowest: int) -> Callable[[str], int]:
-    """A reader of whole numbers from the command line that are not below `lowest`."""
+def at_least(lowest: int, highest: int = MOST) -> Callable[[str], int]:
+    """A reader of whole numbers from the command line that are not below `lowest`, nor so many that
+    no machine has room for them."""
 
     def read(text: str) -> int:
         value = int(text)
-        if value < lowest:
-            raise argparse.ArgumentTypeError(f"{value} is below {lowest}")
+        if not lowest <= value <= highest:
+            raise argparse.ArgumentTypeError(f"{value} is not from {lowest} to {highest}")
         return value
 
     read.__name__ = "whole number"  # argparse's word for it when int() fails
@@ -79,26 +88,68 @@ def compiling_notice(quiet: bool) -> Iterator[None]:
 @contextmanager
 def notes_said(prog: str, quiet: bool = False) -> Iterator[None]:
     """Say what the block warned of at its end, in one line each on stderr, the same only once; not
-    if the block fails, unless by the faults of a model, which notes may explain."""
-    with warnings.catch_warnings(record=True) as caught:
+    if the block fails, unless by the faults of a model, which notes may explain. The same of what
+    MuJoCo and its libraries say, not if the block fails."""
+    with warnings.catch_warnings(record=True) as caught, native_lines() as native:
         warnings.simplefilter("default")
         warnings.filterwarnings("always", category=UserWarning)
-        is_worth_it = not quiet
+        is_worth_it, is_done = not quiet, False
         try:
             yield
+            is_done = True
         except Exception as error:
             is_worth_it = is_worth_it and hasattr(error, "faults")
             raise
         finally:
-            notes = dict.fromkeys(" ".join(str(w.message).split()) for w in caught)
+            said = [str(w.message) for w in caught] + (native() if is_done else [])
+            notes = dict.fromkeys(" ".join(text.split()) for text in said)
             for note in notes if is_worth_it else ():
                 print(f"{prog}: note: {note}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def native_lines() -> Iterator[Callable[[], list[str]]]:
+    """Keep what libraries in C print on stderr, and MuJoCo's warnings, which would go to a log file
+    in the current folder too. Gives what tells them so far, each cut to a line."""
+    import mujoco
+
+    warned: list[str] = []
+    python_stderr, stderr = sys.stderr, os.dup(2)
+    with tempfile.TemporaryFile() as kept:
+        os.dup2(kept.fileno(), 2)
+        try:
+            is_native = python_stderr.fileno() == 2
+        except (OSError, ValueError):
+            is_native = False
+        if is_native:  # what Python itself says goes where it went
+            sys.stderr = os.fdopen(os.dup(stderr), "w", buffering=1)
+
+        def told() -> list[str]:
+            kept.seek(0)
+            printed = " ".join(kept.read().decode(errors="replace").split())
+            return [f"MuJoCo says: {text[:LONGEST_NOTE]}" for text in (*warned, printed) if text]
+
+        mujoco.set_mju_user_warning(warned.append)
+        try:
+            yield told
+        finally:
+            mujoco.set_mju_user_warning(None)
+            sys.stderr = python_stderr
+            os.dup2(stderr, 2)
+            os.close(stderr)
 
 
 def say_errors(prog: str, error: Exception) -> None:
     """An error on stderr, a line for each of its faults."""
     for fault in getattr(error, "faults", (error,)):
         print(f"{prog}: {fault}", file=sys.stderr)
+
+
+def refusal(prog: str, error: Exception) -> int:
+    """Say why nothing was done, and return the exit status."""
+    say_errors(prog, error)
+    is_full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+    return UNWRITABLE if is_full else UNUSABLE_INPUT
 
 
 def progress(total: float, unit: str, quiet: bool = False) -> Any:
@@ -164,6 +215,8 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path]) -> Non
     read = [path for path in inputs if path.exists()]
     written: list[Path] = []
     for path in outputs:
+        if path is not None and path.is_dir():
+            raise ValueError(f"{path} is a folder; give the name of a file")
         if path is None or (path.exists() and not path.is_file()):
             continue
         for other in read:
@@ -188,8 +241,13 @@ def check_drawable(path: Path | None) -> None:
 def run_to_the_end(work: Callable[[], None], received: list[int]) -> int:
     """Do a simulation's work, say what stopped it in one line, and return the exit status. Work
     that a signal received stops raises KeyboardInterrupt."""
+    import mujoco
+
     from sim import DivergenceError
 
+    warned: list[str] = []
+    mujoco.set_mju_user_warning(warned.append)  # else in a log file in the current folder
+    status, trouble = 0, ""
     try:
         work()
     except DivergenceError as error:
@@ -198,9 +256,13 @@ def run_to_the_end(work: Callable[[], None], received: list[int]) -> int:
         status, trouble = UNWRITABLE, str(error)
     except KeyboardInterrupt:
         status, trouble = stopped_by(received[0])
-    else:
-        return 0
-    print(f"{Path(sys.argv[0]).name}: {trouble}", file=sys.stderr)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    prog = Path(sys.argv[0]).name
+    for warning in dict.fromkeys(warned) if status != DIVERGED else ():
+        print(f"{prog}: note: MuJoCo says: {warning}", file=sys.stderr)
+    if trouble:
+        print(f"{prog}: {trouble}", file=sys.stderr)
     return status
 
 
@@ -267,7 +329,8 @@ def stopped_by(number: int) -> tuple[int, str]:
 
 def _end_at_once(number: int, frame: FrameType | None) -> NoReturn:
     """Handler of a signal that leaves nothing to be put in order."""
-    os.write(2, f"{Path(sys.argv[0]).name}: {stopped_by(number)[1]}\n".encode())
+    stderr = sys.stderr.fileno() if sys.stderr is not None else 2
+    os.write(stderr, f"{Path(sys.argv[0]).name}: {stopped_by(number)[1]}\n".encode())
     os._exit(128 + number)
 
 

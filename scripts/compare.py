@@ -20,7 +20,6 @@ from time import perf_counter
 from typing import Any
 
 from command_line import (
-    UNUSABLE_INPUT,
     Parser,
     at_least,
     check_outputs,
@@ -30,9 +29,9 @@ from command_line import (
     positive,
     print_table,
     progress,
+    refusal,
     run_script,
     run_to_the_end,
-    say_errors,
     stop_signals,
     write_json,
 )
@@ -291,8 +290,7 @@ def main(arguments: list[str] | None = None) -> int:
                 received = stack.enter_context(stop_signals())
                 recorder = None if recording is None else SideBySideRecorder(recording, twins)
         except (ValueError, OSError) as error:
-            say_errors("compare.py", error)
-            return UNUSABLE_INPUT
+            return refusal("compare.py", error)
         timestep = next(iter(twins.values())).model.opt.timestep
         history = History(len(twins), timestep)
         started = perf_counter()

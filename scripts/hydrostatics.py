@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from command_line import (
-    UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
     check_drawable,
@@ -22,6 +21,7 @@ from command_line import (
     compiling_notice,
     notes_said,
     print_table,
+    refusal,
     run_script,
     say_errors,
     write_json,
@@ -162,8 +162,7 @@ def main(arguments: list[str] | None = None) -> int:
         check_drawable(options.figure)
         found = hydrostatics(scene)
     except (ValueError, OSError) as error:
-        say_errors("hydrostatics.py", error)
-        return UNUSABLE_INPUT
+        return refusal("hydrostatics.py", error)
     print_report(found)
     try:
         bodies = {name: asdict(h) for name, h in found.items()}

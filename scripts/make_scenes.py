@@ -13,7 +13,7 @@ with vertical sides from the waterline up to the deck, here L : B : T = 10 : 1 :
 
 from pathlib import Path
 
-from command_line import Parser, run_script
+from command_line import Parser, at_least, refusal, run_script
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,20 +127,27 @@ def spheres_xml() -> str:
 def main(arguments: list[str] | None = None) -> int:
     parser = Parser(prog="make_scenes.py", description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--stations", type=int, default=STATIONS, metavar="N", help=f"of the hull ({STATIONS})"
+        "--stations",
+        type=at_least(2, 10_000),
+        default=STATIONS,
+        metavar="N",
+        help=f"of the hull ({STATIONS})",
     )
     parser.add_argument(
         "--output", type=Path, default=MODELS, metavar="FOLDER", help="default: models/"
     )
     options = parser.parse_args(arguments)
-    if options.stations < 2:
-        parser.error(f"--stations {options.stations}: a hull takes 2 or more")
     contents = {"meshes/wigley.obj": wigley_obj(options.stations), "spheres.xml": spheres_xml()}
-    for name, text in contents.items():
-        path = options.output / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-        print(path)
+    try:
+        for name, text in contents.items():
+            path = options.output / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+            print(path)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        return refusal("make_scenes.py", error)
     return 0
 
 

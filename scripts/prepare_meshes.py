@@ -23,7 +23,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from command_line import UNUSABLE_INPUT, Parser, run_script
+from command_line import UNUSABLE_INPUT, Parser, at_least, run_script
 
 import numpy as np
 
@@ -355,7 +355,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         "--faces",
-        type=int,
+        type=at_least(4),
         metavar="N",
         help="of a simplified mesh (default 250 for bunny_coarse, 10000 for dragon)",
     )

@@ -15,7 +15,6 @@ from time import perf_counter
 from typing import Any
 
 from command_line import (
-    UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
     at_least,
@@ -26,6 +25,7 @@ from command_line import (
     positive,
     print_table,
     progress,
+    refusal,
     run_script,
     run_to_the_end,
     say_errors,
@@ -35,7 +35,9 @@ from command_line import (
 
 from sim import Recorder, Scene, Tally, observe, simulate
 from sim.coupling.files import model_files
+from sim.coupling.numbers import MOST_THREADS
 from sim.coupling.simulation import check_run
+from sim.drawing.frame import MOST_RESOLUTION
 from sim.water.head import PRESSURES
 
 
@@ -56,7 +58,9 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--timestep", type=positive, metavar="S", help="overrules the scene's timestep"
     )
-    parser.add_argument("--threads", type=at_least(1), metavar="N", help="share the hulls (1)")
+    parser.add_argument(
+        "--threads", type=at_least(1, MOST_THREADS), metavar="N", help="share the hulls (1)"
+    )
     record = parser.add_mutually_exclusive_group()
     record.add_argument(
         "--record", type=Path, metavar="FILE.rrd", help="default recordings/<scene>.rrd"
@@ -69,7 +73,11 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         "--water-size", type=positive, metavar="M", help="side of the water that is drawn"
     )
     parser.add_argument(
-        "--water-resolution", type=int, default=48, metavar="N", help="its vertices a side (48)"
+        "--water-resolution",
+        type=at_least(2, MOST_RESOLUTION),
+        default=48,
+        metavar="N",
+        help="its vertices a side (48)",
     )
     parser.add_argument("--view", action="store_true", help="show the run in a viewer as it goes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary there")
@@ -204,8 +212,7 @@ def main(arguments: list[str] | None = None) -> int:
                 received = stack.enter_context(stop_signals())
                 recorder = open_recorder(recording, scene, options)
         except (ValueError, OSError) as error:
-            say_errors("run.py", error)
-            return UNUSABLE_INPUT
+            return refusal("run.py", error)
         if options.tolerance is not None and not scene.buoyancy.takes_tolerance:
             print("run.py: note: none of the scene's methods takes a tolerance", file=sys.stderr)
         tally = Tally(scene)

@@ -21,7 +21,6 @@ from typing import Any
 
 from command_line import (
     INTERRUPTED,
-    UNUSABLE_INPUT,
     Parser,
     at_least,
     check_drawable,
@@ -32,8 +31,8 @@ from command_line import (
     positive,
     print_table,
     progress,
+    refusal,
     run_script,
-    say_errors,
     write_json,
     write_whole,
 )
@@ -372,6 +371,7 @@ def report_random(options: argparse.Namespace) -> int:
             cases.append(case)
             bar.update(1)
     write_json(options.json, {"cases": [asdict(case) for case in cases]})
+    cases = [c for c in cases if c.error == c.error]  # others have no reference
     kept = [c for c in cases if not c.is_coarsened]
     cells = [
         (
@@ -385,6 +385,8 @@ def report_random(options: argparse.Namespace) -> int:
     ]  # fmt: skip
     titles = ("", "cases", "largest error", "median", "longest s", "most patches", "largest of")
     print_table(titles, cells)
+    if len(cases) < options.random:
+        print(f"{options.random - len(cases)} cases that the reference does not converge in")
     return 0
 
 
@@ -403,8 +405,7 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:
         raise
     except (ValueError, OSError) as error:
-        say_errors("speed_vs_error.py", error)
-        return UNUSABLE_INPUT
+        return refusal("speed_vs_error.py", error)
 
 
 if __name__ == "__main__":

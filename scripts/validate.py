@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from command_line import (
-    UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
     check_outputs,
@@ -21,6 +20,7 @@ from command_line import (
     compiling_notice,
     notes_said,
     print_table,
+    refusal,
     run_script,
     say_errors,
     write_json,
@@ -113,8 +113,7 @@ def main(arguments: list[str] | None = None) -> int:
         check_writable(options.markdown)
         check_writable(options.json)
     except (ValueError, OSError) as error:
-        say_errors("validate.py", error)
-        return UNUSABLE_INPUT
+        return refusal("validate.py", error)
     hull = Hull(*make_scenes.wigley())
     if options.panel_code:
         print_panel_code(hull)

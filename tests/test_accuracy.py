@@ -173,7 +173,7 @@ def test_speed_vs_error_says_that_matplotlib_is_missing(tmp_path, monkeypatch, c
     [
         (["--methods", "linear", "guess"], "'guess' is no method"),
         (["--hulls", "teapot"], "invalid choice: 'teapot'"),
-        (["--poses", "1"], "1 is below 2"),
+        (["--poses", "1"], "1 is not from 2"),
         (["--quick", "--json", "nowhere/out.json"], "nowhere"),
     ],
 )

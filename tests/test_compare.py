@@ -186,7 +186,7 @@ def test_ctrl_c_gives_status_130_and_a_readable_recording(tmp_path):
         ([MODELS / "cube.xml"], "--methods"),
         ([MODELS / "cube.xml", "--methods", "guess"], "'guess' is no method"),
         ([MODELS / "cube.xml", "--methods", "linear", "--duration", "5"], "run longer"),
-        ([MODELS / "cube.xml", "--methods", "linear", "--rate", "0"], "0 is not a finite number"),
+        ([MODELS / "cube.xml", "--methods", "linear", "--rate", "0"], "0 is not a number above 0"),
     ],
 )
 def test_unusable_input_gives_one_line_and_status_2(

@@ -182,7 +182,7 @@ REFUSALS = {
     ),
     "three numbers": (
         dict(custom='<numeric name="wave_a" data="0.5 2 0"/>'),
-        "'wave_a' has 3 numbers; expected 4: amplitude m",
+        "'wave_a' has 3 numbers; expected 4: wave amplitude m",
     ),
     "two levels": (
         dict(custom='<numeric name="water_level" data="0 1"/>'),
@@ -190,7 +190,7 @@ REFUSALS = {
     ),
     "negative wavelength": (
         dict(custom='<numeric name="wave_a" data="0.1 -2 0 0"/>'),
-        "'wave_a': wavelength is -2",
+        "'wave_a': the wavelength is -2 m; it must be above 0",
     ),
     "unknown numeric": (
         dict(custom='<numeric name="water_depth" data="1"/>'),
@@ -225,7 +225,7 @@ REFUSALS = {
     ),
     "half a sample": (
         dict(custom='<numeric name="chord_samples" data="1.5"/>'),
-        "'chord_samples' is 1.5",
+        "'chord_samples': the number of samples is 1.5",
     ),
     "too many settings": (
         dict(custom='<text name="buoyancy_method" data="linear:3"/>'),
@@ -237,11 +237,11 @@ REFUSALS = {
     ),
     "half a thread": (
         dict(custom='<numeric name="buoyancy_threads" data="1.5"/>'),
-        "threads is 1.5; expected a whole number.*'buoyancy_threads'",
+        "'buoyancy_threads': the number of threads is 1.5; .* a whole number from 1 to 1024",
     ),
     "two drags": (
         dict(custom='<numeric name="drag" data="0.2 1"/>'),
-        "'drag' has 2 numbers; expected 3: linear, form, friction",
+        "'drag' has 2 numbers; expected 3: linear drag coefficient, form",
     ),
     "negative drag": (
         dict(custom='<numeric name="drag_cube" data="0.2 -1 0"/>'),
@@ -261,7 +261,7 @@ REFUSALS = {
     ),
     "seven added masses": (
         dict(custom='<numeric name="added_mass" data="1 1 1 0 0 0 0"/>'),
-        "'added_mass' has 7 numbers; expected 6 or 36: coefficients, or a matrix",
+        "'added_mass' has 7 numbers; expected 6 or 36: coefficient of added mass, or",
     ),
     "negative added mass": (
         dict(custom='<numeric name="added_mass_cube" data="1 1 -0.5 0 0 0"/>'),
@@ -269,7 +269,7 @@ REFUSALS = {
     ),
     "added mass that is no number": (
         dict(custom='<numeric name="added_mass" data="1 1 nan 0 0 0"/>'),
-        "'added_mass': the added mass has a number that is not finite",
+        "'added_mass': the coefficient of added mass.* is nan; it must be",
     ),
     "asymmetric added mass": (
         dict(custom=f'<numeric name="added_mass" data="{numbers(np.eye(6) + np.eye(6, k=1))}"/>'),

@@ -23,6 +23,7 @@ from sim.coupling.checks import check_solver
 from sim.coupling.context import Context, probes_of
 from sim.coupling.floats import FloatingGeom, body_label
 from sim.coupling.mjcf import read_model
+from sim.coupling.numbers import NUMERICS
 from sim.methods import Batch, Linear, Patches, Place
 from sim.water.sea import Sea
 
@@ -92,7 +93,8 @@ class Buoyancy:
         self._geoms = np.array([f.geom for f in self.floats])
         self._rows = np.array([f.body for f in self.floats])
         self._displaced = np.array([f.displaced for f in self.floats])
-        self._batches = _batches(self.floats, _whole(threads))
+        NUMERICS["buoyancy_threads"].check([threads])
+        self._batches = _batches(self.floats, int(threads))
         self._probes = probes_of(model, self.floats)
         self._making = RLock()
         fields = MADE_FROM + (PLACES if any(f.united for f in self.floats) else ())
@@ -321,16 +323,6 @@ class Buoyancy:
             "a Buoyancy belongs to its model in this process; pickle the model (or its file) and "
             "make a new one there with Buoyancy.from_model(model)"
         )
-
-
-def _whole(threads: float) -> int:
-    """A number of threads that makes sense, or ValueError."""
-    if not (np.isfinite(threads) and threads == int(threads) and threads >= 1):
-        raise ValueError(
-            f"the number of threads is {threads:g}; expected a whole number, 1 for the caller's "
-            "alone: give another one, or correct the custom numeric 'buoyancy_threads'"
-        )
-    return int(threads)
 
 
 def _batches(floats: Sequence[FloatingGeom], threads: int) -> list[Batch]:

@@ -22,7 +22,7 @@ def _wrong_options(model: mujoco.MjModel) -> Iterator[str]:
     option, bits = model.opt, mujoco.mjtDisableBit
     for name, of_air in AIR.items():
         value = getattr(option, name)
-        if value >= of_air:
+        if not 0.0 <= value < of_air:
             yield (
                 f"option {name} is {value:g}: MuJoCo would add its own fluid forces and the fluid "
                 "would count twice; set it to 0 (the water's density is the custom numeric "
@@ -36,6 +36,11 @@ def _wrong_options(model: mujoco.MjModel) -> Iterator[str]:
         value = getattr(option, name)
         if not np.isfinite(value) or value < 0.0 or (value == 0.0 and expected == "above 0"):
             yield f"option {name} is {value:g}; it must be finite and {expected}: correct it"
+    known = {*AIR, "timestep", "impratio", "tolerance", "gravity"}
+    for name in (n for n in dir(option) if n not in known and not n.startswith("_")):
+        value = getattr(option, name)
+        if isinstance(value, float | np.ndarray) and not np.isfinite(value).all():
+            yield f"option {name} is {value}; it must be finite: correct it"
     gx, gy, gz = option.gravity
     if gx != 0.0 or gy != 0.0 or not gz < 0.0:
         yield (

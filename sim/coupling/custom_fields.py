@@ -33,7 +33,6 @@ its tuple, settings and waves are taken as its own.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -41,6 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling.faults import Faults
+from sim.coupling.numbers import NUMERICS, WAVE, NumericKind
 
 Array = NDArray[np.float64]
 
@@ -102,38 +102,6 @@ def refuse_unknown(kind: str, name: str, known: str) -> None:
     raise ValueError(f"custom {kind} '{name}' is unknown; expected {known}: correct or rename it")
 
 
-@dataclass(frozen=True)
-class NumericKind:
-    """What a custom numeric of ours holds: how many numbers, what they mean, and whether a geom
-    may have its own ('<name>_<geom>')."""
-
-    sizes: tuple[int, ...]
-    meaning: str
-    per_geom: bool = False
-
-
-WAVE = NumericKind((4,), "amplitude m, wavelength m, heading deg, phase deg")
-
-NUMERICS = {
-    "water_density": NumericKind((1,), "kg/m^3"),
-    "water_level": NumericKind((1,), "m"),
-    IRREGULAR_SEA: NumericKind(
-        (2, 3, 4, 5, 6, 7),
-        "significant height m, peak period s, gamma, heading deg, spread deg, waves, seed",
-    ),
-    "buoyancy_tolerance": NumericKind((1,), "m of water height"),
-    "buoyancy_threads": NumericKind((1,), "threads that share the hulls"),
-    "buoyancy_union": NumericKind((1,), "1, or 0 to leave overlapping hulls alone"),
-    "displaced": NumericKind((1,), "displaced volume over the hull's", per_geom=True),
-    "chord_samples": NumericKind((1,), "points of a chord"),
-    "drag_angular": NumericKind((1,), "1/s", per_geom=True),
-    "drag": NumericKind((3,), "linear, form, friction", per_geom=True),
-    "added_mass": NumericKind((6, 36), "coefficients, or a matrix row by row", per_geom=True),
-    "damping": NumericKind((6, 36), "N s/m and N m s, or a matrix row by row", per_geom=True),
-}
-"""The custom numerics we know, besides the waves; a name that begins another comes before it."""
-
-
 def _numeric_kind(name: str) -> NumericKind | None:
     if name.startswith("wave_"):
         return WAVE
@@ -155,25 +123,24 @@ def numerics_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str,
     for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_NUMERIC, prefix):
         with faults.collected():
             values = np.array(model.numeric(i).data)
-            _check_numeric(name, values.size)
+            _check_numeric(name, values)
             found[name] = values
     return found
 
 
-def _check_numeric(name: str, size: int) -> None:
+def _check_numeric(name: str, values: Array) -> None:
     kind = _numeric_kind(name)
     if kind is None:
         known = [b + "[_<geom>]" * k.per_geom for b, k in NUMERICS.items()]
         refuse_unknown("numeric", name, f"{', '.join(known)} or wave_<name>")
-    if size not in kind.sizes:
-        several = len(kind.sizes) > 2
-        expected = (" to " if several else " or ").join(
-            map(str, (kind.sizes[0], kind.sizes[-1]) if several else kind.sizes)
-        )
-        raise ValueError(
-            f"custom numeric '{name}' has {size} number{'s' * (size != 1)}; "
-            f"expected {expected}: {kind.meaning}"
-        )
+    try:
+        kind.check_count(values.size)
+    except ValueError as error:
+        raise ValueError(f"custom numeric '{name}' {error}") from None
+    try:
+        kind.check(values)
+    except ValueError as error:
+        raise ValueError(f"custom numeric '{name}': {error}") from None
 
 
 def texts_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str, str]:

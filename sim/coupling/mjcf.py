@@ -19,6 +19,7 @@ from sim.coupling.drag_fields import DragFields
 from sim.coupling.faults import Faults, say
 from sim.coupling.floats import FloatingGeom, Listed, listed_geoms
 from sim.coupling.notes import notes_about, notes_about_sizes
+from sim.coupling.numbers import NUMERICS
 from sim.coupling.overlaps import Shape, notes_of_overlaps, united_shapes
 from sim.coupling.primitives import geom_hull
 from sim.coupling.sea_fields import sea_of
@@ -157,28 +158,16 @@ def _method_of(
 
 def _displaced(names: Sequence[str], numerics: Numerics) -> float:
     """The volume that a geom displaces, over that of its hull."""
-    source = of_geom("displaced", names, numerics)
-    share = float(numerics.get(source, [1.0])[0])
-    if not (np.isfinite(share) and share > 0.0):
-        raise ValueError(
-            f"custom numeric '{source}' is {share:g}: a part of the hull's volume that is "
-            "displaced must be above 0; take the geom from the tuple 'buoyant' if it displaces none"
-        )
-    return share
+    return float(numerics.get(of_geom("displaced", names, numerics), [1.0])[0])
 
 
 def _read_settings(numerics: Numerics, tolerance: float | None) -> Settings:
-    if tolerance is None and "buoyancy_tolerance" in numerics:
+    if tolerance is not None:
+        NUMERICS["buoyancy_tolerance"].check([tolerance])
+    elif "buoyancy_tolerance" in numerics:
         tolerance = float(numerics["buoyancy_tolerance"][0])
-    if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
-        raise ValueError(
-            f"the buoyancy tolerance is {tolerance:g} m of water height; it must be finite and "
-            "above 0"
-        )
-    samples = float(numerics.get("chord_samples", [Settings.chord_samples])[0])
-    if samples != int(samples) or samples < 0:
-        raise ValueError(f"custom numeric 'chord_samples' is {samples:g}; expected 0, 1, 2, ...")
-    return Settings(tolerance=tolerance, chord_samples=int(samples))
+    samples = int(numerics.get("chord_samples", [Settings.chord_samples])[0])
+    return Settings(tolerance=tolerance, chord_samples=samples)
 
 
 def _floats(

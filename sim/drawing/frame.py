@@ -15,8 +15,9 @@ from sim.drawing.waterline_curves import heads, waterlines
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-WATER_RESOLUTION = 48
-"""Vertices along a side of the water's grid; a frame takes 16 bytes for each of its square."""
+WATER_RESOLUTION, MOST_RESOLUTION = 48, 1000
+"""Vertices along a side of the water's grid, by default and at most; a frame takes 16 bytes for
+each of its square."""
 
 WATER_IN_HULLS, WATER_IN_SPREADS = 6.0, 2.4
 """Side of the water's square: so many sides of the largest hull and as many times the distance that
@@ -140,7 +141,8 @@ def _grid_faces(resolution: int) -> Indices:
 def _check_water(size: float | None, resolution: int) -> None:
     if size is not None and not (np.isfinite(size) and size > 0.0):
         raise ValueError(f"the size of the water is {size}; it must be finite and above 0")
-    if resolution < 2:
+    if not 2 <= resolution <= MOST_RESOLUTION:
         raise ValueError(
-            f"the water's resolution is {resolution} vertices along a side; it must be 2 or more"
+            f"the water's resolution is {resolution} vertices along a side; it must be 2 or more "
+            f"and at most {MOST_RESOLUTION}"
         )

@@ -89,12 +89,22 @@ def read_surface(path: Path, scale: float = 1.0) -> tuple[Array, Indices]:
     try:
         mesh = trimesh.load(path, process=False, force="mesh")
         faces = np.asarray(mesh.faces)
+    except ImportError:  # of what trimesh would guess the encoding with
+        raise ValueError(
+            f"{path}: trimesh cannot read it: it is no {path.suffix or 'file of a known kind'}"
+        ) from None
     except Exception as error:  # each of trimesh's readers has errors of its own
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{path}: trimesh cannot read it: {reason}") from None
     if len(faces) == 0:
         raise ValueError(f"{path}: it has no faces; expected a surface of triangles")
-    return scale * np.asarray(mesh.vertices, dtype=float), faces.astype(np.int64)
+    vertices = scale * np.asarray(mesh.vertices, dtype=float)
+    broken = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
+    if broken:
+        raise ValueError(f"{path}: {broken} of {len(vertices)} vertices are not finite; drop them")
+    if not np.ptp(vertices, axis=0).any():
+        raise ValueError(f"{path}: all vertices lie in one point; expected a surface of triangles")
+    return vertices, faces.astype(np.int64)
 
 
 def merged(vertices: Array, faces: Indices, within: float) -> tuple[Array, Indices]:

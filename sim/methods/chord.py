@@ -33,6 +33,9 @@ from sim.methods.method import Kernel, Settings, expect_at_most
 from sim.water.head import solve_heads
 from sim.water.sea import Sea
 
+MOST_SAMPLES = 64
+"""Of a chord: a few are as right as any number of them."""
+
 SAMPLE = record(x="f8", y="f8", z="f8", weights=("f8", 6))
 """A point of a chord in the body frame [m] and its weights in the sums over the surface."""
 
@@ -45,8 +48,10 @@ class Chord(Linear):
     """
 
     def __init__(self, hull: Hull, sea: Sea, samples: int = 4, crests_only: bool = False) -> None:
-        if samples != int(samples) or samples < 0:
-            raise ValueError(f"samples is {samples}; a chord has 0 or more whole samples")
+        if not (0 <= samples <= MOST_SAMPLES and samples == int(samples)):
+            raise ValueError(
+                f"samples is {samples}; a chord has a whole number of them, 0 to {MOST_SAMPLES}"
+            )
         self.samples = int(samples)
         self.crests_only = bool(crests_only)
         super().__init__(hull, sea)

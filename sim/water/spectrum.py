@@ -30,6 +30,10 @@ its energy, all of it in ripples."""
 WIDEST_SPREAD = np.sqrt(2.0)
 """Standard deviation [rad] of headings that come from everywhere alike."""
 
+MOST_WAVES, MOST_SEED = 5_000, 2**53
+"""Waves of a sea, each of which costs its time in every step; and the last seed that a custom
+numeric can tell from the next."""
+
 DEFAULT_SPREAD = np.radians(25.0)
 """Standard deviation [rad] of the headings of a wind sea: 10 as the exponent in cos^2q."""
 
@@ -109,6 +113,10 @@ def _check_jonswap(
             f"the spread of the headings is {np.degrees(spread):g} degrees; it must be 0 or more "
             f"and below {np.degrees(WIDEST_SPREAD):.0f}"
         )
-    for name, value, least in (("number of waves", waves, 1), ("seed", seed, 0)):
-        if not (np.isfinite(value) and value == int(value) and value >= least):
-            raise ValueError(f"the {name} is {value:g}; it must be a whole number from {least} on")
+    for name, value, least, most in (
+        ("number of waves", waves, 1, MOST_WAVES), ("seed", seed, 0, MOST_SEED)
+    ):  # fmt: skip
+        if not (least <= value <= most and value == int(value)):
+            raise ValueError(
+                f"the {name} is {value:g}; it must be a whole number from {least} to {most}"
+            )

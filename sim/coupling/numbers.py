@@ -1,0 +1,147 @@
+"""Numbers: what the custom numerics of ours hold, and which values can be.
+
+The one description from which a model's numbers are checked, and from which the tests draw numbers
+that have to be refused.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import cycle
+
+import numpy as np
+
+from sim.methods.chord import MOST_SAMPLES
+from sim.water.spectrum import MOST_SEED, MOST_WAVES, WIDEST_SPREAD
+
+LARGEST = 1e9
+"""What is described as finite only may be so large, of any unit."""
+
+MOST_THREADS = 1024
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a custom numeric: what it is, its unit, and which values it may have, from
+    `least`, or above it, to `most`."""
+
+    name: str
+    unit: str = ""
+    least: float = -LARGEST
+    most: float = LARGEST
+    is_above: bool = False
+    is_whole: bool = False
+
+    @property
+    def expected(self) -> str:
+        if self.is_whole:
+            return f"a whole number from {self.least:g} to {self.most:g}"
+        low = f"above {self.least:g}" if self.is_above else f"{self.least:g} or more"
+        return f"{low} and at most {self.most:g}"
+
+    def allows(self, value: float) -> bool:
+        """Whether a value can be."""
+        if not self.least <= value <= self.most:  # NaN neither
+            return False
+        if self.is_above and value == self.least:
+            return False
+        return not self.is_whole or value == int(value)
+
+    def check(self, value: float) -> None:
+        """Raises ValueError for a value that cannot be."""
+        if not self.allows(value):
+            found = f"{value:g} {self.unit}".strip()
+            raise ValueError(f"the {self.name} is {found}; it must be {self.expected}")
+
+
+@dataclass(frozen=True)
+class NumericKind:
+    """What a custom numeric of ours holds: its numbers, of which those behind the first `needed`
+    may be left out, and whether a geom may have its own ('<name>_<geom>'). With sizes, there are so
+    many of the one number."""
+
+    numbers: tuple[Number, ...]
+    needed: int = 0
+    per_geom: bool = False
+    of_one: tuple[int, ...] = ()
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """How many numbers there may be."""
+        return self.of_one or tuple(range(self.needed or len(self.numbers), len(self.numbers) + 1))
+
+    @property
+    def meaning(self) -> str:
+        return ", ".join(f"{n.name} {n.unit}".strip() for n in self.numbers)
+
+    def check_count(self, count: int) -> None:
+        """Raises ValueError for too many numbers, or too few."""
+        if count in self.sizes:
+            return
+        several = len(self.sizes) > 2
+        expected = (" to " if several else " or ").join(
+            map(str, (self.sizes[0], self.sizes[-1]) if several else self.sizes)
+        )
+        raise ValueError(
+            f"has {count} number{'s' * (count != 1)}; expected {expected}: {self.meaning}"
+        )
+
+    def check(self, values: Sequence[float]) -> None:
+        """Raises ValueError for numbers that cannot be."""
+        for number, value in zip(cycle(self.numbers), values, strict=False):
+            number.check(value)
+
+
+def _kind(*numbers: Number, **options: object) -> NumericKind:
+    return NumericKind(numbers, **options)
+
+
+_HEADING = Number("heading", "deg")
+
+WAVE = _kind(
+    Number("wave amplitude", "m", 0.0, 1e4),
+    Number("wavelength", "m", 0.0, 1e6, is_above=True),
+    _HEADING,
+    Number("phase", "deg"),
+)
+
+NUMERICS = {
+    "water_density": _kind(Number("water density", "kg/m^3", 0.0, 1e6, is_above=True)),
+    "water_level": _kind(Number("water level", "m", -1e6, 1e6)),
+    "sea_jonswap": _kind(
+        Number("significant height", "m", 0.0, 1e3, is_above=True),
+        Number("peak period", "s", 0.0, 1e3, is_above=True),
+        Number("peak enhancement gamma", "", 1.0, 100.0),
+        _HEADING,
+        Number("spread of the headings", "deg", 0.0, np.degrees(0.999 * WIDEST_SPREAD)),
+        Number("number of waves", "", 1, MOST_WAVES, is_whole=True),
+        Number("seed", "", 0, MOST_SEED, is_whole=True),
+        needed=2,
+    ),
+    "buoyancy_tolerance": _kind(
+        Number("buoyancy tolerance", "m of water height", 0.0, 1e6, is_above=True)
+    ),
+    "buoyancy_threads": _kind(Number("number of threads", "", 1, MOST_THREADS, is_whole=True)),
+    "buoyancy_union": _kind(
+        Number("union of overlapping hulls (0 leaves them alone)", "", 0, 1, is_whole=True)
+    ),
+    "displaced": _kind(
+        Number("displaced volume over the hull's", "", 0.0, 1e3, is_above=True), per_geom=True
+    ),
+    "chord_samples": _kind(Number("number of samples", "", 0, MOST_SAMPLES, is_whole=True)),
+    "drag_angular": _kind(Number("angular drag coefficient", "1/s", 0.0), per_geom=True),
+    "drag": _kind(
+        Number("linear drag coefficient", "", 0.0),
+        Number("form drag coefficient", "", 0.0),
+        Number("friction drag coefficient", "", 0.0),
+        per_geom=True,
+    ),
+    "added_mass": _kind(
+        Number("coefficient of added mass, or number of its matrix row by row", "", -1e12, 1e12),
+        per_geom=True, of_one=(6, 36),
+    ),
+    "damping": _kind(
+        Number("damping in N s/m or N m s, or number of its matrix row by row", "", -1e12, 1e12),
+        per_geom=True, of_one=(6, 36),
+    ),
+}  # fmt: skip
+"""The custom numerics we know, besides the waves; a name that begins another comes before it."""

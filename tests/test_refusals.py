@@ -1,0 +1,183 @@
+"""Refusals: whatever is wrong with a scene or a command line, one line says so, and the exit status
+is 2. The tables are made from the descriptions of custom fields, options and command lines, so what
+is new there is tried here without a word."""
+
+import argparse
+import runpy
+
+import command_line
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import CUBE, xml
+
+from independent import MODELS, REPOSITORY, status_of
+from sim.coupling import numbers
+from sim.coupling.custom_fields import METHOD, PRESSURE
+from sim.coupling.numbers import NUMERICS, Number
+
+SCRIPTS = sorted(path.name for path in (REPOSITORY / "scripts").glob("*.py"))
+SCRIPTS.remove("command_line.py")
+
+FIELDS = NUMERICS | {"wave_swell": numbers.WAVE}
+
+
+def usual(number: Number) -> float:
+    return 1.0 if number.allows(1.0) else number.least
+
+
+def bad_values(number: Number) -> list[float]:
+    """Values that a number cannot have."""
+    outside = [np.nextafter(number.least, -np.inf), np.nextafter(number.most, np.inf), 1e300]
+    found = [np.nan, np.inf, -np.inf, *outside]
+    found += [number.least] * number.is_above + [usual(number) + 0.5] * number.is_whole
+    assert not any(number.allows(value) for value in found)
+    return found
+
+
+def bad_numerics() -> list[tuple[str, list[float]]]:
+    """Names and numbers of custom numerics that are wrong in one way each."""
+    cases = []
+    for base, kind in FIELDS.items():
+        counts = [n for n in (0, 1, 2, 3, 5, 7, 8, 37) if n not in kind.sizes and n > 0]
+        for name in (base, f"{base}_cube") if kind.per_geom else (base,):
+            cases += [(name, [usual(kind.numbers[0])] * count) for count in counts]
+            filled = list(kind.numbers) * (kind.sizes[-1] // len(kind.numbers))
+            for i, number in enumerate(filled[: max(len(kind.numbers), 2)]):
+                for value in bad_values(number):
+                    values = [usual(other) for other in filled]
+                    values[i] = value
+                    cases.append((name, values))
+        if not kind.per_geom:
+            cases.append((f"{base}_x" if base in NUMERICS else "wave", [1.0]))
+        else:
+            cases.append((f"{base}_nobody", [usual(kind.numbers[0])] * kind.sizes[0]))
+    return cases
+
+
+def bad_custom() -> dict[str, str]:
+    """Elements of a scene's <custom>, each of which has to be refused."""
+    found = {
+        f"{name} {' '.join(f'{v:g}' for v in values[:7])}":
+        f'<numeric name="{name}" data="{" ".join(repr(float(v)) for v in values)}"/>'
+        for name, values in bad_numerics()
+    }  # fmt: skip
+    for name in (METHOD, f"{METHOD}_cube", PRESSURE):
+        for text in ("magic", "linear:x", "patches:-1", "patches:nan", "chord:1e9", "chord:1.5",
+                     "reference:0", "linear/", "patches:1e-3:2"):  # fmt: skip
+            found[f"{name} {text}"] = f'<text name="{name}" data="{text}"/>'
+    for name in (f"{METHOD}s", f"{METHOD}_nobody", f"{PRESSURE}s", "buoyancy", "water"):
+        found[f"text {name}"] = f'<text name="{name}" data="linear"/>'
+    return found
+
+
+def bad_options() -> dict[str, str]:
+    """Options of MuJoCo's with a number that is not finite."""
+    option = mujoco.MjModel.from_xml_string("<mujoco/>").opt
+    found = {}
+    for name in sorted(n for n in dir(option) if not n.startswith("_")):
+        value = getattr(option, name)
+        if isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype == float):
+            for bad in ("nan", "inf", "-inf"):
+                rest = " 0" * (np.size(value) - 1)
+                found[f"{name} {bad}"] = f'<option {name}="{bad}{rest}"/>'
+    return found
+
+
+def refused(status: int, told: str) -> bool:
+    return status == 2 and told.count("\n") == 1 and told.endswith("\n")
+
+
+def test_every_bad_custom_field_is_one_line(tmp_path, capfd):
+    """Some hundreds, each in a scene that is else right."""
+    scene, others = tmp_path / "s.xml", {}
+    cases = bad_custom()
+    assert len(cases) > 300
+    for case, element in cases.items():
+        text = xml(custom=element)
+        if 'name="water_density"' in element:
+            text = text.replace('<numeric name="water_density" data="1025"/>', "", 1)
+        scene.write_text(text)
+        status = status_of("run.py", scene, "--no-record", "--duration", "0.01")
+        told = capfd.readouterr().err
+        if not refused(status, told):
+            others[case] = (status, told)
+    assert not others, "\n".join(f"{k}: {v}" for k, v in others.items())
+
+
+def test_every_option_that_is_not_finite_is_one_line(tmp_path, capfd):
+    scene, others = tmp_path / "s.xml", {}
+    cases = bad_options()
+    assert len(cases) > 20
+    for case, element in cases.items():
+        scene.write_text(xml(option=element))
+        status = status_of("run.py", scene, "--no-record", "--duration", "0.01")
+        told = capfd.readouterr().err
+        if not refused(status, told):
+            others[case] = (status, told)
+    assert not others, "\n".join(f"{k}: {v}" for k, v in others.items())
+
+
+class CapturedError(Exception):
+    """Carries a script's parser out of its main."""
+
+
+def parser_of(script: str, monkeypatch) -> argparse.ArgumentParser:
+    def capture(self, *_):
+        raise CapturedError(self)
+
+    monkeypatch.setattr(command_line.Parser, "parse_args", capture)
+    with pytest.raises(CapturedError) as caught:
+        runpy.run_path(str(REPOSITORY / "scripts" / script))["main"]([])
+    monkeypatch.undo()
+    return caught.value.args[0]
+
+
+def bad_arguments(parser: argparse.ArgumentParser, folder) -> list[list[str]]:
+    """Command lines that are wrong in one way each."""
+    required = [str(MODELS / "cube.xml") for a in parser._actions if not a.option_strings]
+    cases = [["--no-such-option"], [*required, "--no-such-option"], [*required, "", "a", "b"]]
+    for action in parser._actions:
+        if isinstance(action, argparse._HelpAction):
+            continue
+        option = action.option_strings[:1]
+        if action.nargs == 0:
+            cases.append([*required, f"{option[0]}=1"])
+            continue
+        words: list[str] = []
+        if action.choices is not None:
+            words = ["", "nonsense"]
+        elif action.type in (None, str):
+            continue
+        elif getattr(action.type, "__name__", "") == "Path":
+            words = [str(folder / (300 * "x"))]
+            words += [str(folder)] * (action.metavar not in ("FOLDER", "DIR"))
+        else:  # numbers
+            words = ["", "x", "nan", "inf", "-inf", "-1", "1e300", "1e-300x", "0x"]
+        for word in words:
+            cases.append([*required, *option, word] if option else [word])
+        if option and action.nargs is None:
+            cases.append([*required, *option])  # nothing behind it
+    return cases
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_every_bad_command_line_is_one_line(script, tmp_path, monkeypatch, capfd):
+    parser = parser_of(script, monkeypatch)
+    monkeypatch.chdir(tmp_path)
+    others = {}
+    for arguments in bad_arguments(parser, tmp_path):
+        status = status_of(script, *arguments)
+        told = capfd.readouterr().err
+        if not refused(status, told):
+            others[" ".join(arguments)[-200:]] = (status, told[-300:])
+    assert not others, "\n".join(f"{k}: {v}" for k, v in others.items())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_scene_that_the_tables_spoil_is_right(tmp_path, capfd):
+    scene = tmp_path / "s.xml"
+    scene.write_text(xml(CUBE))
+    assert status_of("run.py", scene, "--no-record", "--duration", "0.01", "--quiet") == 0
+    assert capfd.readouterr().err == ""
