@@ -8,12 +8,6 @@ one, 1 where it does not take it as it is, 2 on unusable input and where mending
 file cannot be written.
 """
 
-import argparse
-import sys
-from collections.abc import Iterator
-from dataclasses import asdict, replace
-from pathlib import Path
-
 from command_line import (
     UNUSABLE_INPUT,
     UNWRITABLE,
@@ -28,6 +22,12 @@ from command_line import (
     write_json,
     write_whole,
 )
+
+import argparse
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import trimesh
 from numpy.typing import NDArray
@@ -54,7 +54,7 @@ SHOWN = 7
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser(prog="check_hull.py", description=__doc__.splitlines()[0])
+    parser = Parser("check_hull.py", __doc__)
     parser.add_argument("file", type=Path, metavar="FILE", help="a mesh: OBJ, STL, PLY, glTF, ...")
     parser.add_argument("--repair", type=Path, metavar="OUT", help="mend it and write it there")
     parser.add_argument(

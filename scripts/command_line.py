@@ -5,18 +5,40 @@ A script that imports it ends at once when it is interrupted. One that has somet
 order or to keep says for how long: with `stop_signals`, or with `interruptible`.
 """
 
+import os
+import signal
+import sys
+
+
+def stopped_by(number: int) -> tuple[int, str]:
+    """Exit status and message of a run that a signal has stopped."""
+    return 128 + number, "interrupted" if number == signal.SIGINT else "terminated"
+
+
+def _end_at_once(number: int, frame: object) -> None:
+    """Handler of a signal that leaves nothing to be put in order."""
+    stderr = sys.stderr.fileno() if sys.stderr is not None else 2
+    os.write(stderr, f"{os.path.basename(sys.argv[0])}: {stopped_by(number)[1]}\n".encode())
+    os._exit(128 + number)
+
+
+IS_SCRIPT = os.path.dirname(os.path.realpath(sys.argv[0])) == os.path.dirname(
+    os.path.realpath(__file__)
+)
+"""Whether one of the scripts is what runs, and not a test."""
+
+if IS_SCRIPT and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, _end_at_once)  # KeyboardInterrupt is swallowed by some imports
+
 import argparse
 import errno
 import importlib.util
 import json
-import os
-import signal
-import sys
 import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from itertools import chain
 from pathlib import Path
 from time import monotonic
@@ -41,7 +63,11 @@ COMPILING_NOTICE_AFTER = 1.0
 
 
 class Parser(argparse.ArgumentParser):
-    """Says what is wrong with the command line in one line."""
+    """Says what is wrong with the command line in one line. doc: a script's docstring, of which the
+    first line describes it; None where Python leaves them out."""
+
+    def __init__(self, prog: str, doc: str | None) -> None:
+        super().__init__(prog=prog, description=(doc or "").partition("\n")[0])
 
     def error(self, message: str) -> NoReturn:
         self.exit(UNUSABLE_INPUT, f"{self.prog}: {message} (see --help)\n")
@@ -274,14 +300,21 @@ def run_script(main: Callable[[], int]) -> NoReturn:
             status = main()
         finally:
             sys.stdout.flush()
-    except KeyboardInterrupt:
-        print(f"{Path(sys.argv[0]).name}: interrupted", file=sys.stderr)
-        status = INTERRUPTED
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the last flush
         status = BROKEN_PIPE
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        with suppress(OSError):  # it may be the one that is full
+            print(f"{Path(sys.argv[0]).name}: output: {error.strerror}", file=sys.stderr)
+        status = UNWRITABLE
+    except KeyboardInterrupt:
+        print(f"{Path(sys.argv[0]).name}: interrupted", file=sys.stderr)
+        status = INTERRUPTED
     if status == UNWRITABLE:  # a dead writer would hold up Python's orderly end for ever
-        sys.stderr.flush()
+        with suppress(OSError):
+            sys.stderr.flush()
         os._exit(status)
     sys.exit(status)
 
@@ -322,18 +355,26 @@ def interruptible() -> Iterator[None]:
         signal.signal(signal.SIGINT, previous)
 
 
-def stopped_by(number: int) -> tuple[int, str]:
-    """Exit status and message of a run that a signal has stopped."""
-    return 128 + number, "interrupted" if number == signal.SIGINT else "terminated"
+def _open_streams() -> None:
+    """Give what was closed a place to go, before a file gets the number of one of them and C
+    libraries write into it; names that are no UTF-8 are printed with escapes."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(errors="backslashreplace")
 
 
-def _end_at_once(number: int, frame: FrameType | None) -> NoReturn:
-    """Handler of a signal that leaves nothing to be put in order."""
-    stderr = sys.stderr.fileno() if sys.stderr is not None else 2
-    os.write(stderr, f"{Path(sys.argv[0]).name}: {stopped_by(number)[1]}\n".encode())
-    os._exit(128 + number)
+def _warn_in_a_line(message: Warning | str, *_: Any) -> None:
+    text = " ".join(str(message).split())
+    print(f"{Path(sys.argv[0]).name}: note: {text}", file=sys.stderr)
 
 
-_is_script = Path(sys.argv[0]).resolve().parent == Path(__file__).resolve().parent
-if _is_script and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    signal.signal(signal.SIGINT, _end_at_once)  # KeyboardInterrupt is swallowed by some imports
+if IS_SCRIPT:
+    _open_streams()
+    warnings.showwarning = _warn_in_a_line

@@ -11,14 +11,6 @@ Exit status: 0 on success, 2 on unusable input, 3 when a twin diverged, 4 when t
 full, 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on disk.
 """
 
-import argparse
-from collections.abc import Mapping
-from contextlib import ExitStack, nullcontext
-from dataclasses import asdict
-from pathlib import Path
-from time import perf_counter
-from typing import Any
-
 from command_line import (
     Parser,
     at_least,
@@ -35,6 +27,14 @@ from command_line import (
     stop_signals,
     write_json,
 )
+
+import argparse
+from collections.abc import Mapping
+from contextlib import ExitStack, nullcontext
+from dataclasses import asdict
+from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +56,7 @@ chance alone does that once in a hundred times."""
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser(prog="compare.py", description=__doc__.splitlines()[0])
+    parser = Parser("compare.py", __doc__)
     parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
     parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD",
                         help="method texts; the others are held against the first; a pressure may "

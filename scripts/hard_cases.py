@@ -8,14 +8,6 @@ hold, and the errors at 2 ms. Exit status: 0 when all cases hold at 2 ms with ev
 1 when one does not, 2 on unusable input.
 """
 
-import argparse
-import sys
-import warnings
-from collections.abc import Iterator
-from pathlib import Path
-from time import perf_counter
-from typing import Any
-
 from command_line import (
     INTERRUPTED,
     Parser,
@@ -25,6 +17,14 @@ from command_line import (
     run_script,
     write_json,
 )
+
+import argparse
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 import mujoco
 
@@ -68,7 +68,7 @@ def drag_cost() -> dict[str, float]:
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser(prog="hard_cases.py", description=__doc__.splitlines()[0])
+    parser = Parser("hard_cases.py", __doc__)
     parser.add_argument(
         "--quick", action="store_true", help="implicitfast only, at 2 and 20 ms; under a minute"
     )

@@ -7,11 +7,6 @@ as if nothing else held it. Exit status: 0 on success, 2 on unusable input, 4 wh
 written.
 """
 
-import argparse
-from dataclasses import asdict
-from pathlib import Path
-from typing import Any
-
 from command_line import (
     UNWRITABLE,
     Parser,
@@ -27,6 +22,11 @@ from command_line import (
     write_json,
     write_whole,
 )
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ ARMS_EVERY = 15.0
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser(prog="hydrostatics.py", description=__doc__.splitlines()[0])
+    parser = Parser("hydrostatics.py", __doc__)
     parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers there")
     parser.add_argument(

@@ -6,10 +6,10 @@
 Needs what scripts/snapshot.py needs.
 """
 
+from command_line import Parser, notes_said, run_script
+
 import tempfile
 from pathlib import Path
-
-from command_line import Parser, notes_said, run_script
 
 from PIL import Image
 from snapshot import main as snapshot
@@ -63,7 +63,7 @@ def make_picture(name: str, output: Path) -> int:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = Parser(prog="make_pictures.py", description=__doc__.splitlines()[0])
+    parser = Parser("make_pictures.py", __doc__)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(TIMES)}")
     parser.add_argument(
         "--output", type=Path, default=MODELS / "pictures", metavar="FOLDER", help="models/pictures"

@@ -11,9 +11,9 @@ along and down,
 with vertical sides from the waterline up to the deck, here L : B : T = 10 : 1 : 0.625.
 """
 
-from pathlib import Path
-
 from command_line import Parser, at_least, refusal, run_script
+
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +125,7 @@ def spheres_xml() -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = Parser(prog="make_scenes.py", description=__doc__.splitlines()[0])
+    parser = Parser("make_scenes.py", __doc__)
     parser.add_argument(
         "--stations",
         type=at_least(2, 10_000),

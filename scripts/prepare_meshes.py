@@ -6,6 +6,8 @@ volume at the origin and the longest side of its box 1 m. The scans come from tw
 
 from __future__ import annotations
 
+from command_line import UNUSABLE_INPUT, Parser, at_least, run_script
+
 import argparse
 import gzip
 import hashlib
@@ -22,8 +24,6 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-from command_line import UNUSABLE_INPUT, Parser, at_least, run_script
 
 import numpy as np
 
@@ -345,7 +345,7 @@ def prepare(name: str, source: Path, output: Path, faces: int | None) -> dict[st
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     """Read the command line."""
-    parser = Parser(prog="prepare_meshes.py", description=__doc__.splitlines()[0])
+    parser = Parser("prepare_meshes.py", __doc__)
     parser.add_argument(
         "names", nargs="*", metavar="name", help=f"meshes to make: {' '.join(RECIPES)}; all if none"
     )

@@ -12,11 +12,11 @@ or in Python:
 Exit status: 0 on success, 2 on unusable input.
 """
 
+from command_line import UNUSABLE_INPUT, Parser, check_outputs, run_script, write_whole
+
 import subprocess
 import sys
 from pathlib import Path
-
-from command_line import UNUSABLE_INPUT, Parser, check_outputs, run_script, write_whole
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def save(path: Path, columns: dict[str, np.ndarray]) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = Parser(prog="read_recording.py", description=__doc__.splitlines()[0])
+    parser = Parser("read_recording.py", __doc__)
     parser.add_argument("recording", type=Path, metavar="FILE.rrd", help="written by run.py")
     parser.add_argument(
         "--output", type=Path, metavar="FILE.npz", help="write each series there, (2, N)"

@@ -6,14 +6,6 @@ Exit status: 0 on success, 2 on unusable input, 3 when the state diverged, 4 whe
 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on disk.
 """
 
-import argparse
-import shutil
-import sys
-from contextlib import ExitStack, nullcontext
-from pathlib import Path
-from time import perf_counter
-from typing import Any
-
 from command_line import (
     UNWRITABLE,
     Parser,
@@ -33,6 +25,14 @@ from command_line import (
     write_json,
 )
 
+import argparse
+import shutil
+import sys
+from contextlib import ExitStack, nullcontext
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
 from sim import Recorder, Scene, Tally, observe, simulate
 from sim.coupling.files import model_files
 from sim.coupling.numbers import MOST_THREADS
@@ -42,7 +42,7 @@ from sim.water.head import PRESSURES
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser(prog="run.py", description=__doc__.splitlines()[0])
+    parser = Parser("run.py", __doc__)
     parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
     parser.add_argument(
         "--duration", type=positive, default=10.0, metavar="S", help="simulated seconds (10)"

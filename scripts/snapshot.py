@@ -8,6 +8,8 @@ mesa-vulkan-drivers has one that needs no graphics card. Linux and macOS only.
 Exit status: 0 on success, 2 when there is no picture, 130 after Ctrl-C.
 """
 
+from command_line import INTERRUPTED, Parser, check_outputs, interruptible, run_script
+
 import argparse
 import math
 import os
@@ -24,8 +26,6 @@ from io import BytesIO
 from pathlib import Path
 from types import FrameType
 from typing import IO, NoReturn
-
-from command_line import INTERRUPTED, Parser, check_outputs, interruptible, run_script
 
 from PIL import Image
 from rerun.experimental import ViewerClient
@@ -76,7 +76,7 @@ def seconds(text: str) -> float:
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser(prog="snapshot.py", description=__doc__.splitlines()[0])
+    parser = Parser("snapshot.py", __doc__)
     parser.add_argument("recording", type=Path, metavar="FILE.rrd", help="written by run.py")
     parser.add_argument(
         "--time", type=seconds, metavar="S", help="simulated seconds (half-way through)"

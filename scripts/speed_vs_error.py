@@ -10,15 +10,6 @@
 Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C, with the rows until then printed.
 """
 
-import argparse
-import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict
-from itertools import groupby, product
-from pathlib import Path
-from statistics import median
-from typing import Any
-
 from command_line import (
     INTERRUPTED,
     Parser,
@@ -36,6 +27,15 @@ from command_line import (
     write_json,
     write_whole,
 )
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from itertools import groupby, product
+from pathlib import Path
+from statistics import median
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -95,7 +95,7 @@ def _load(name: str) -> trimesh.Trimesh:
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser(prog="speed_vs_error.py", description=__doc__.splitlines()[0])
+    parser = Parser("speed_vs_error.py", __doc__)
     parser.add_argument("--hulls", nargs="+", choices=HULLS, default=list(HULLS), metavar="HULL",
                         help=f"any of: {' '.join(HULLS)} (all)")  # fmt: skip
     parser.add_argument("--seas", nargs="+", choices=SEAS, default=list(SEAS), metavar="SEA",

@@ -6,12 +6,6 @@ Exit status: 0 when all rows hold but those whose gap is known and said, 1 when 
 2 on unusable input, 4 when a file cannot be written.
 """
 
-import argparse
-from collections.abc import Iterator
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
-
 from command_line import (
     UNWRITABLE,
     Parser,
@@ -27,6 +21,12 @@ from command_line import (
     write_whole,
 )
 
+import argparse
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
 import make_scenes
 import numpy as np
 
@@ -39,7 +39,7 @@ TITLES = ("published", "ours", "unit", "source", "verdict")
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser(prog="validate.py", description=__doc__.splitlines()[0])
+    parser = Parser("validate.py", __doc__)
     parser.add_argument(
         "--quick", action="store_true", help="half a minute: leave out what repeats"
     )

@@ -17,6 +17,8 @@ What holds for every kernel of the package:
 """
 
 import ctypes
+import pickle
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cached_property
@@ -39,6 +41,14 @@ CACHE_LINE = 64
 MOST_TABLES = 10
 """Tables that a block has room for in its directory."""
 
+DIGEST = 32
+"""Bytes of a digest at the end of what is kept."""
+
+LIKE = 20
+"""Characters by which warnings of one kind begin alike."""
+
+_SAID: set[str] = set()
+
 DIRECTORY = 16 * MOST_TABLES
 """Bytes at the start of a block: where each table begins and where it ends."""
 
@@ -57,21 +67,70 @@ _STAMP = _stamp_of_sources()
 
 
 def _compiled(function: Kernel, *liberties: str) -> Kernel:
-    options = {"fastmath": set(liberties), "error_model": "numpy"}
-    dispatcher = njit(cache=True, nogil=True, **options)(function)
-    _stamp(dispatcher._cache)
+    options = {"fastmath": set(liberties), "error_model": "numpy", "nogil": True}
+    try:
+        dispatcher = njit(cache=True, **options)(function)
+    except RuntimeError as error:  # no folder can be written
+        _cannot_keep(str(error))
+        return njit(**options)(function)
+    _keep(dispatcher._cache)
     return dispatcher
 
 
-def _stamp(cache: Any) -> None:
+def _keep(cache: Any) -> None:
     """Keep compiled code under names of its own for these sources: what others left is not even
-    looked at, because it may name what is no longer there."""
+    looked at, because it may name what is no longer there. What is damaged is compiled anew."""
     file = cache._cache_file
     base = file._index_name.removesuffix(".nbi")
     file._source_stamp = _STAMP
     file._index_name = f"{base}.{_STAMP[:12]}.nbi"
     file._index_path = str(Path(file._cache_path) / file._index_name)
     file._data_name_pattern = f"{base}.{_STAMP[:12]}.{{number:d}}.nbc"
+    dump, load, save = file._dump, cache.load_overload, cache.save_overload
+
+    def dump_with_digest(what: Any) -> bytes:  # behind the end of a pickle, which ends itself
+        data = dump(what)
+        return data + sha256(data).digest()
+
+    def load_data(name: str) -> Any:
+        data = Path(file._data_path(name)).read_bytes()
+        if sha256(data[:-DIGEST]).digest() != data[-DIGEST:]:
+            raise ValueError("its digest is another one")
+        return pickle.loads(data)
+
+    def load_overload(*arguments: Any) -> Any:
+        try:
+            return load(*arguments)
+        except Exception as error:  # whatever a damaged pickle comes to
+            Path(file._index_path).unlink(missing_ok=True)
+            _say_once(
+                f"compiled kernels in {file._cache_path} are damaged ({error}); they are compiled "
+                "anew"
+            )
+            return None
+
+    def save_overload(*arguments: Any) -> None:
+        try:
+            save(*arguments)
+        except OSError as error:
+            _cannot_keep(str(error))
+
+    file._dump, file._load_data = dump_with_digest, load_data
+    cache.load_overload, cache.save_overload = load_overload, save_overload
+
+
+def _cannot_keep(reason: str) -> None:
+    _say_once(
+        f"compiled kernels cannot be kept ({reason}), so each start will compile them, half a "
+        "minute long; set NUMBA_CACHE_DIR to a folder that can be written"
+    )
+
+
+def _say_once(text: str) -> None:
+    """Warn of what holds for all kernels, for the first of them."""
+    if text[:LIKE] not in _SAID:
+        _SAID.add(text[:LIKE])
+        warnings.warn(text, UserWarning, stacklevel=2)
 
 
 class CFunction:
@@ -97,8 +156,12 @@ class CFunction:
         signature = self._result(*[types.int64] * count)
         options = {"fastmath": {"contract"}, "error_model": "numpy"}
         compiled = CFunc(self._function, (signature.args, signature.return_type), {}, options)
-        compiled.enable_caching()
-        _stamp(compiled._cache)
+        try:
+            compiled.enable_caching()
+        except RuntimeError as error:
+            _cannot_keep(str(error))
+        else:
+            _keep(compiled._cache)
         compiled.compile()
         self._compiled = compiled  # its code goes with it
         return compiled.ctypes

@@ -1,11 +1,11 @@
 """What all scripts do with signals and with readers that go away."""
 
+from command_line import print_table, progress, run_script, stop_signals
+
 import os
 import signal
 import subprocess
 import sys
-
-from command_line import print_table, progress, run_script, stop_signals
 
 import pytest
 

@@ -1,5 +1,6 @@
 """Blocks of tables, and the compiled code that is kept."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -92,3 +93,67 @@ def test_compiling_is_told_when_it_happens_and_only_then():
         assert twice(2.5) == 5.0
         assert twice(1) == 2.0  # compiled once more, but told once
     assert told == [1]
+
+
+TWICE = (
+    "from kernels import c_query, kernel\n\n\n"
+    "@kernel\ndef twice(x):\n    return 2 * x\n\n\n"
+    "@c_query\ndef thrice(x):\n    return 3 * x\n"
+)
+
+
+def answers(folder, **environment: str) -> tuple[str, list[str]]:
+    """What kernels in a folder answer, and the lines of what they say besides."""
+    shutil.copy(REPOSITORY / "sim" / "kernels.py", folder)
+    (folder / "made.py").write_text(TWICE)
+    run = [sys.executable, "-c", "import made; print(made.twice(21), made.thrice.call(14))"]
+    variables = os.environ | environment
+    done = subprocess.run(run, cwd=folder, capture_output=True, text=True, env=variables)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, [line for line in done.stderr.splitlines() if "Warning" in line]
+
+
+def damage(data: bytes, how: str) -> bytes:
+    if how == "cut":
+        return data[: len(data) // 2]
+    if how == "emptied":
+        return b""
+    middle = len(data) // 2  # of a data file that is machine code, which pickle does not look at
+    return data[:middle] + bytes([data[middle] ^ 0xFF]) + data[middle + 1 :]
+
+
+@pytest.mark.parametrize("how", ["cut", "emptied", "a byte is another one"])
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_damaged_code_is_compiled_anew_with_one_word(kind, how, tmp_path):
+    assert answers(tmp_path) == ("42 42\n", [])
+    kept = list(tmp_path.rglob(f"*.{kind}"))
+    assert len(kept) == 2
+    for path in kept:
+        path.write_bytes(damage(path.read_bytes(), how))
+    said, warned = answers(tmp_path)
+    assert said == "42 42\n"
+    assert len(warned) == 1
+    assert "are damaged" in warned[0]
+    assert "compiled anew" in warned[0]
+    assert answers(tmp_path) == ("42 42\n", [])
+
+
+def test_where_no_code_can_be_kept_one_word_says_so(tmp_path):
+    (tmp_path / "__pycache__").write_text("in the way of a folder")
+    nowhere = {name: "/dev/null/x" for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR")}
+    said, warned = answers(tmp_path, **nowhere)
+    assert said == "42 42\n"
+    assert len(warned) == 1
+    assert "compiled kernels cannot be kept" in warned[0]
+    assert "set NUMBA_CACHE_DIR to a folder that can be written" in warned[0]
+
+
+def test_a_disk_that_is_full_keeps_no_code_and_says_so(tmp_path):
+    """Files may grow to a few bytes only, as on a disk that has no more room."""
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))\n"
+    shutil.copy(REPOSITORY / "sim" / "kernels.py", tmp_path)
+    (tmp_path / "made.py").write_text(limit + TWICE)
+    run = [sys.executable, "-B", "-c", "import made; print(made.twice(21))"]
+    done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "42\n"), done.stderr
+    assert done.stderr.count("cannot be kept ([Errno 27] File too large)") == 1

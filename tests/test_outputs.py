@@ -1,9 +1,9 @@
 """Outputs: nothing that is read is written over, and what fails leaves what was there."""
 
+import command_line
+
 import shutil
 from pathlib import Path
-
-import command_line
 
 import pytest
 

@@ -2,10 +2,10 @@
 is 2. The tables are made from the descriptions of custom fields, options and command lines, so what
 is new there is tried here without a word."""
 
+import command_line
+
 import argparse
 import runpy
-
-import command_line
 
 import mujoco
 import numpy as np

@@ -40,6 +40,10 @@ class Scene:
         if not path.is_file():
             raise FileNotFoundError(f"there is no scene file {path}; give the path of an MJCF file")
         try:
+            str(path).encode()
+        except UnicodeEncodeError:
+            raise ValueError(f"{path}: MuJoCo opens only names in UTF-8; rename it") from None
+        try:
             model = mujoco.MjModel.from_xml_path(str(path))
         except ValueError as error:
             reason = " ".join(str(error).split())  # MuJoCo's message has several lines
