@@ -58,8 +58,8 @@ LARGEST, MOST = 1e9, 1_000_000
 LONGEST_NOTE = 200
 """Characters of a note that is a library's: some have forty lines."""
 
-COMPILING_NOTICE_AFTER = 1.0
-"""Seconds of compiling after which it is worth a line."""
+COMPILING_NOTICE_AFTER, LOADING_NOTICE_AFTER = 1.0, 2.0
+"""Seconds of compiling, and of loading at all, after which it is worth a line."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -96,19 +96,36 @@ def at_least(lowest: int, highest: int = MOST) -> Callable[[str], int]:
 
 
 @contextmanager
-def compiling_notice(quiet: bool) -> Iterator[None]:
-    """Say that kernels are being compiled if they are in the block, and for long enough."""
+def loading_notice(quiet: bool) -> Iterator[None]:
+    """Say that kernels are being compiled if they are in the block, and for long enough; on a
+    terminal how long the block takes, when it takes long."""
     from sim.kernels import when_compiling
 
     def say() -> None:
         print("compiling the kernels; this is done once and kept ...", file=sys.stderr, flush=True)
 
+    def tick() -> None:
+        started = monotonic()
+        while not done.wait(LOADING_NOTICE_AFTER):
+            print(
+                f"\rloading ... {monotonic() - started:.0f} s", end="", file=sys.stderr, flush=True
+            )
+        if monotonic() - started > LOADING_NOTICE_AFTER:
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)  # clears the line
+
+    done = threading.Event()
     timer = threading.Timer(COMPILING_NOTICE_AFTER, say)
+    ticker = threading.Thread(target=tick)
     try:
+        if not quiet and sys.stderr.isatty():
+            ticker.start()
         with nullcontext() if quiet else when_compiling(timer.start):
             yield
     finally:
         timer.cancel()
+        done.set()
+        if ticker.is_alive():
+            ticker.join()
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from command_line import (
     at_least,
     check_outputs,
     check_writable,
-    compiling_notice,
+    loading_notice,
     notes_said,
     positive,
     print_table,
@@ -91,7 +91,7 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
         )
     twins: dict[str, Scene] = {}
     said = notes_said("compare.py", quiet=True) if again else nullcontext()
-    with compiling_notice(quiet=again), said:
+    with loading_notice(quiet=again), said:
         for text in options.methods:
             scene = Scene.load(
                 options.scene, text, timestep=options.timestep, pressure=options.pressure

@@ -13,7 +13,7 @@ from command_line import (
     check_drawable,
     check_outputs,
     check_writable,
-    compiling_notice,
+    loading_notice,
     notes_said,
     print_table,
     refusal,
@@ -156,7 +156,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check_outputs((options.json, options.figure), model_files(options.scene))
-        with compiling_notice(quiet=False), notes_said("hydrostatics.py"):
+        with loading_notice(quiet=False), notes_said("hydrostatics.py"):
             scene = Scene.load(options.scene)
         check_writable(options.json)
         check_drawable(options.figure)

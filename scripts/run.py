@@ -12,7 +12,7 @@ from command_line import (
     at_least,
     check_outputs,
     check_writable,
-    compiling_notice,
+    loading_notice,
     notes_said,
     positive,
     print_table,
@@ -93,7 +93,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 def load(options: argparse.Namespace) -> Scene:
     """Load the scene and compute everything once, which compiles the kernels."""
-    with compiling_notice(options.quiet):
+    with loading_notice(options.quiet):
         scene = Scene.load(
             options.scene,
             options.method,

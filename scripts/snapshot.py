@@ -139,9 +139,7 @@ def moment(path: Path, wanted: float | None) -> float:
 def check_writable(path: Path) -> None:
     """Find out before the work whether a file can be written, and leave everything as it is."""
     nearest = next(p for p in (path, *path.absolute().parents) if p.exists())
-    if path.is_dir():
-        reason = "it is a folder; name a file in it"
-    elif nearest != path and not nearest.is_dir():
+    if nearest != path and not nearest.is_dir():
         reason = f"{nearest} is no folder; name another"
     elif not os.access(nearest, os.W_OK):
         reason = f"{nearest} may not be written to; name another place"

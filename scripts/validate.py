@@ -11,7 +11,7 @@ from command_line import (
     Parser,
     check_outputs,
     check_writable,
-    compiling_notice,
+    loading_notice,
     notes_said,
     print_table,
     refusal,
@@ -118,7 +118,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.panel_code:
         print_panel_code(hull)
         return 0
-    with compiling_notice(quiet=False), notes_said("validate.py", quiet=True):  # bars do turn over
+    with loading_notice(quiet=False), notes_said("validate.py", quiet=True):  # bars do turn over
         found = list(rows(hull, options.quick))
     for titles, table in tables(found):
         print_table(titles, table)

@@ -5,7 +5,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from independent import GRAVITY, MODELS
+from independent import GRAVITY, MODELS, REPOSITORY
 from sim import Hull, Linear, Scene, Sea, simulate
 
 L, B, T = make_scenes.LENGTH, make_scenes.BEAM, make_scenes.DRAFT
@@ -156,3 +156,27 @@ def test_the_spheres_are_a_hundred_of_1280_faces_and_keep_off_the_faulty_solver(
     assert [len(f.method.hull.faces) for f in scene.buoyancy.floats] == [1280] * 100
     assert scene.model.opt.solver == mujoco.mjtSolver.mjSOL_CG
     assert scene.model.geom_contype.all()
+
+
+def test_what_the_readme_gives_a_newcomer_floats_and_stays(tmp_path):
+    """Its element and its five lines of Python, taken literally, with a box for a boat: it neither
+    surfs away nor jumps about."""
+    readme = (REPOSITORY / "README.md").read_text()
+    custom = next(text for text in blocks(readme, "xml") if "<custom>" in text)
+    program = next(text for text in blocks(readme, "python") if "Buoyancy" in text)
+    body = (
+        '<body name="boat"><freejoint/><geom type="box" size="0.5 0.3 0.2" density="500"/></body>'
+    )
+    (tmp_path / "my.xml").write_text(f"<mujoco>{custom}<worldbody>{body}</worldbody></mujoco>")
+    found = {}
+    exec(program.replace('"my.xml"', repr(str(tmp_path / "my.xml"))), found)
+    data = found["data"]
+    assert data.time == pytest.approx(2.0)
+    assert np.abs(data.qpos[:2]).max() < 0.5
+    assert abs(data.qpos[2]) < 0.15
+    assert np.linalg.norm(data.qvel[:3]) < 0.6
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """The blocks of code of a Markdown text."""
+    return [part.split("```")[0] for part in text.split(f"```{language}\n")[1:]]

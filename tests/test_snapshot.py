@@ -88,7 +88,7 @@ UNUSABLE = {
     "too small": (["--width", "9"], "--width: 9 pixels are asked for; from 64"),
     "too large": (["--height", "99999"], "--height: 99999 pixels are asked for"),
     "unknown option": (["--fast"], "unrecognized arguments: --fast"),
-    "a folder": (["--output", "."], "it is a folder"),
+    "a folder": (["--output", "."], "is a folder; give the name"),
     "below a file": (["--output", "text.txt/deep/a.png"], "text.txt is no folder"),
     "no time to draw": (["--timeout", "0.01"], "no picture within 0.01 s"),
 }

@@ -125,7 +125,7 @@ def _triangles(hull: Hull, edge: float) -> float:
     """About how many triangles there are when none has an edge longer than one [m]."""
     areas = np.linalg.norm(hull.area_vectors, axis=1)
     longest = sides(hull.vertices[hull.faces]).max(axis=1)
-    return float(np.maximum(np.maximum(HALVES * areas, longest * edge) / edge**2, 1.0).sum())
+    return float(np.maximum(np.maximum(HALVES * areas / edge**2, longest / edge), 1.0).sum())
 
 
 def _edge_of(hull: Hull, triangles: int) -> float:
