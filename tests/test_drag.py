@@ -31,7 +31,7 @@ def water_at(sea: Sea, place, time: float) -> np.ndarray:
     solve_labels(x, y, guess, waves, time, tolerance, 1, height, labels)
     found = []
     for order in (VELOCITY, ACCELERATION):
-        water_motion(order, np.maximum(height - z, 0.0), waves, time, labels, motion)
+        water_motion(order, np.maximum(height - z, 0.0), waves, sea.water, time, labels, motion)
         found += [motion[axis][0, 0] for axis in "xyz"]
     return np.array(found)
 

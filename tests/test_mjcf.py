@@ -317,7 +317,7 @@ REFUSALS = {
     ),
     "no water": (
         dict(custom="", extra='<custom><numeric name="water_level" data="nan"/></custom>'),
-        "level is nan",
+        "level m, or .* is nan",
     ),
 }  # fmt: skip
 

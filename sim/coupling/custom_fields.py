@@ -1,7 +1,10 @@
 """Custom fields: the elements of a model's `<custom>` that concern the water.
 
     numeric water_density             kg/m^3                           (1025, sea water)
-    numeric water_level               m                                (0)
+    numeric water_level               m, or pairs of time s and level m, with straight lines between
+                                      them                             (0)
+    numeric water_current             m/s, 2 or 3 numbers: the waves ride on it   (0 0)
+    numeric water_ramp                s in which the waves grow from nothing      (0)
     numeric wave_<name>               amplitude m, wavelength m, heading deg, phase deg
     numeric sea_jonswap               significant height m, peak period s, gamma, heading deg,
                                       spread deg, waves, seed; all after the period may be left

@@ -11,6 +11,7 @@ from itertools import cycle
 import numpy as np
 
 from sim.methods.chord import MOST_SAMPLES
+from sim.water.gerstner import MOST_TIDES
 from sim.water.spectrum import MOST_SEED, MOST_WAVES, WIDEST_SPREAD
 
 LARGEST = 1e9
@@ -106,7 +107,17 @@ WAVE = _kind(
 
 NUMERICS = {
     "water_density": _kind(Number("water density", "kg/m^3", 0.0, 1e6, is_above=True)),
-    "water_level": _kind(Number("water level", "m", -1e6, 1e6)),
+    "water_level": _kind(
+        Number("water level m, or number of pairs of time s and level m", "", -1e6, 1e6),
+        of_one=(1, *range(4, 2 * MOST_TIDES + 1, 2)),
+    ),
+    "water_current": _kind(
+        Number("current along x", "m/s", -100.0, 100.0),
+        Number("current along y", "m/s", -100.0, 100.0),
+        Number("current along z", "m/s", -100.0, 100.0),
+        needed=2,
+    ),
+    "water_ramp": _kind(Number("water ramp", "s", 0.0, 1e6)),
     "sea_jonswap": _kind(
         Number("significant height", "m", 0.0, 1e3, is_above=True),
         Number("peak period", "s", 0.0, 1e3, is_above=True),

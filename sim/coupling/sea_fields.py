@@ -72,5 +72,8 @@ def _read_sea(model: mujoco.MjModel, numerics: Numerics, pressure: str, faults: 
             except ValueError as error:
                 raise ValueError(f"custom numeric '{name}': {error}") from None
     density = float(numerics.get("water_density", [SEA_WATER_DENSITY])[0])
-    level = float(numerics.get("water_level", [0.0])[0])
-    return Sea([*waves, *irregular], density, gravity, level, pressure)
+    levels = numerics.get("water_level", [0.0])
+    level, tide = (float(levels[0]), ()) if len(levels) == 1 else (0.0, np.reshape(levels, (-1, 2)))
+    current = numerics.get("water_current", (0.0, 0.0))
+    ramp = float(numerics.get("water_ramp", [0.0])[0])
+    return Sea([*waves, *irregular], density, gravity, level, pressure, current, ramp, tide)

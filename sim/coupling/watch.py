@@ -180,6 +180,7 @@ def energies(scene: Scene) -> Array:
     """Energy (nbody,) [J] of every body; needs no more than `qpos` and `qvel` to be current."""
     model, data = scene.model, scene.data
     sea = scene.buoyancy.sea
+    level = float(sea.level_at(data.time))
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_comVel(model, data)
@@ -193,7 +194,7 @@ def energies(scene: Scene) -> Array:
     found += weights * data.xipos[:, 2]
     for hull, floats in _of_each_hull(scene.buoyancy.floats):
         geoms, bodies = [f.geom for f in floats], [f.body for f in floats]
-        depths, ups = sea.level - data.geom_xpos[geoms, 2], data.geom_xmat[geoms, 6:]
+        depths, ups = level - data.geom_xpos[geoms, 2], data.geom_xmat[geoms, 6:]
         rises = ups @ hull.vertices.T
         lows, highs = depths - rises.min(axis=1), depths - rises.max(axis=1)
         shares = np.clip(lows / (lows - highs), 0.0, 1.0)
@@ -233,17 +234,19 @@ def _of_each_hull(
 
 def _allowances(scene: Scene) -> Array:
     """Change of energy (nbody,) [J] that a body may have: its own and the displaced water's weight
-    times LENGTHS of its length (the error of `energies`) and the waves' height, and motion at twice
-    the speed of the fastest wave."""
+    times LENGTHS of its length (the error of `energies`), the waves' height and the tide's, and
+    motion at twice the speed of the fastest wave and the current."""
     model, sea = scene.model, scene.buoyancy.sea
     speed = max((np.sqrt(sea.gravity / w.wavenumber) for w in sea.waves), default=0.0)
+    speed += float(np.linalg.norm(sea.current))
+    rise = 2.0 * sea.amplitude + (float(np.ptp(sea.tide, axis=0)[1]) if sea.tide else 0.0)
     lengths = np.zeros(model.nbody)
     np.maximum.at(lengths, model.geom_bodyid, 2.0 * model.geom_rbound)
-    reach = LENGTHS * lengths + 2.0 * sea.amplitude
+    reach = LENGTHS * lengths + rise
     allowances = model.body_mass * (sea.gravity * reach + 2.0 * speed**2)
     for f in scene.buoyancy.floats:
         hull = f.method.hull
         length = float(np.linalg.norm(hull.bounds[1] - hull.bounds[0]))
         displaced = sea.density * f.displaced * hull.volume * sea.gravity
-        allowances[f.body] += displaced * (LENGTHS * length + 2.0 * sea.amplitude)
+        allowances[f.body] += displaced * (LENGTHS * length + rise)
     return allowances

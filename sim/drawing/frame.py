@@ -83,7 +83,7 @@ class Artist:
         sea, meshes = self._sea, self.meshes
         particles = self._particles(sample)
         highest = max(min(sea.amplitude, 0.5 * sea.significant_height), 1e-9)
-        heights = (particles[:, 2] - sea.level) / (2.0 * highest)
+        heights = (particles[:, 2] - sea.level_at(sample.time)) / (2.0 * highest)
         points = meshes.placed(sample)
         depths = heads(sea, points, sample.time)
         curves = waterlines(sea, sample.time, points, meshes.faces, meshes.across, depths)

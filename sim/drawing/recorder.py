@@ -216,8 +216,8 @@ class SceneWriter:
                 quaternion=np.roll([s.quaternions[i] for s in samples], -1, axis=1),
             )
             send(f"world/bodies/{part(name)}", pose)
-        level = self.scene.buoyancy.sea.level
-        focus = [[*s.centres[:, :2].mean(axis=0), level] for s in samples]
+        level = self.scene.buoyancy.sea.level_at
+        focus = [[*s.centres[:, :2].mean(axis=0), float(level(s.time))] for s in samples]
         send("world/focus", rr.Transform3D.columns(translation=focus))
 
     def _send_surfaces(self, frames: list[Frame], send: Send) -> None:

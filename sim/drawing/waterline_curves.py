@@ -29,7 +29,7 @@ def heads(sea: Sea, points: Array, time: float) -> Array:
     Where no crest or trough can reach the point, the depth below the still level instead: right
     in sign, and no elevation is solved.
     """
-    depths = sea.level - points[:, 2]
+    depths = sea.level_at(time) - points[:, 2]
     near = np.flatnonzero(np.abs(depths) <= sea.amplitude)
     depths[near] = sea.head(*points[near].T, time)
     return depths

@@ -22,7 +22,7 @@ from sim.hull import Hull
 from sim.kernels import inline, kernel, packed, read_only, record, table
 from sim.methods.method import PLACE, Compiled, Kernel, Part, Place
 from sim.triangle import clip_dry_part
-from sim.water.gerstner import WATER, WAVE
+from sim.water.gerstner import WATER, WAVE, level_and_rise
 from sim.water.head import solve_heads
 from sim.water.sea import Sea
 
@@ -111,12 +111,12 @@ def unpacked(block):
 
 
 @inline
-def is_above_crests(shape, water, position, rotation):
-    """Whether no point of the hull's box, turned into the world, is below the highest crest."""
+def is_above(crest, shape, position, rotation):
+    """Whether no point of the hull's box, turned into the world, is below a crest's height [m]."""
     height = position[2]
     for j in range(3):
         height += min(rotation[6 + j] * shape[0].low[j], rotation[6 + j] * shape[0].high[j])
-    return height > water[0].level + water[0].amplitude
+    return height > crest
 
 
 @kernel
@@ -127,9 +127,10 @@ def heads_at_vertices(surface, waves, water, position, rotation, time, heads_out
     A vertex higher above the highest crest than an edge is long touches no triangle that the water
     could: it gets the head below that crest and no elevation is solved.
     """
-    if is_above_crests(surface.shape, water, position, rotation):
+    level, _ = level_and_rise(water[0], time)
+    count, crest = surface.vertices.size, level + water[0].amplitude
+    if is_above(crest, surface.shape, position, rotation):
         return 0
-    count, crest = surface.vertices.size, water[0].level + water[0].amplitude
     reach = surface.shape[0].reach
     x, y, z, heads = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
     chosen = np.empty(count, np.int64)

@@ -69,7 +69,7 @@ from sim.methods.polynomial import (
 )
 from sim.triangle import clip_dry_part
 from sim.water.fit import SAFETY, SHIFT, jet_waves, newton_steps
-from sim.water.gerstner import WATER, WAVE
+from sim.water.gerstner import WATER, WAVE, level_and_rise
 from sim.water.head_jets import HEAD_JET, solve_head_jets
 from sim.water.jets import JET, solve_jets
 from sim.water.sea import Sea
@@ -222,12 +222,13 @@ def most_patches(instances):
 
 @kernel
 def reachable_patches(
-    patches, instances, water, positions, rotations, x_out, y_out, above_out, chosen_out
+    patches, instances, water, time, positions, rotations, x_out, y_out, above_out, chosen_out
 ):
     """All patches that the highest crest could reach: their centres x, y in the world and height
     above the level, and who they are. Returns how many, and how many nodes they have."""
+    level, _ = level_and_rise(water[0], time)
+    amplitude = water[0].amplitude
     active, nodes = 0, 0
-    level, amplitude = water[0].level, water[0].amplitude
     for i in range(instances.size):
         first, end, pose = instances[i].first, instances[i].end, instances[i].pose
         position, rotation = positions[pose], rotations[pose]
@@ -441,7 +442,7 @@ def reached_polynomials(tree, sea, instances, positions, rotations, time):
     x, y, above = np.empty(most), np.empty(most), np.empty(most)
     chosen = np.empty(most, CHOSEN)
     active, _ = reachable_patches(
-        tree.patches, instances, sea.water, positions, rotations, x, y, above, chosen
+        tree.patches, instances, sea.water, time, positions, rotations, x, y, above, chosen
     )
     chosen = chosen[:active]
     polynomials = np.empty(active, POLYNOMIAL)

@@ -126,7 +126,7 @@ class Reference(Method):
         """Which triangles (N,) are small enough for samples of the surface to tell its shape: large
         ones may meet the same phase of a short wave at every sample."""
         shortest = max((w.wavenumber for w in self.sea.waves), default=0.0)
-        return _horizontal_radius(corners) * shortest <= 1.0 - self.sea.steepness
+        return _horizontal_radius(corners) * shortest <= 1.0 - self.sea.worst_steepness
 
     def _integrate_wet(
         self, water: "_Water", corners: Array, allowed: float

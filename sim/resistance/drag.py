@@ -37,7 +37,15 @@ from sim.hull import Hull
 from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
 from sim.resistance.added_mass import added_mass_matrix, damping_matrix
 from sim.water.fit import SAFETY, newton_steps
-from sim.water.gerstner import LABELS, WATER, WAVE, decay, set_labels, solve_labels
+from sim.water.gerstner import (
+    LABELS,
+    WATER,
+    WAVE,
+    decay,
+    level_and_rise,
+    set_labels,
+    solve_labels,
+)
 from sim.water.head import depth
 from sim.water.motion import MOTION, VELOCITY, water_motion
 from sim.water.sea import Sea
@@ -255,7 +263,7 @@ def label_steps(sea: Sea, size: float) -> tuple[int, float]:
     a hull of a size [m], and the residual [m] before the last of them that no sample
     exceeded. With as many steps for every element drag is a smooth function of the pose."""
     waves = sea.components
-    speeds = waves["frequency"] * waves["amplitude"]
+    speeds = waves["rate"] * waves["amplitude"]
     if not speeds.any():
         return 1, np.inf
     wavenumber = np.linalg.norm(waves["wavenumber"] * speeds) / np.linalg.norm(speeds)
@@ -460,7 +468,8 @@ def solve_elements(surface, strength, flow, work, labels_out):
     residual, steps = strength.residual, strength.steps
     set_labels(e.x, e.y, guess)
     solve_labels(e.x, e.y, guess, flow.waves, flow.time, residual, steps, e.height, labels_out)
-    return wet_areas(surface, flow.water[0].level, work)
+    level, _ = level_and_rise(flow.water[0], flow.time)
+    return wet_areas(surface, level, work)
 
 
 @kernel
@@ -483,6 +492,6 @@ def write_drag(block, position, rotation, velocity, time, wrench_out):
     wrench_out[:] = 0.0
     place_elements(surface[0], pose, work)
     if solve_elements(surface[0], strength[0], flow, work, labels) > 0.0:
-        water_motion(VELOCITY, work[0].depth, flow.waves, flow.time, labels, motion)
+        water_motion(VELOCITY, work[0].depth, flow.waves, flow.water, flow.time, labels, motion)
         relative_velocities(surface[0], rotation, velocity, motion, work)
         add_hull_drag(surface[0], strength[0], 1.0, work, wrench_out, damping)

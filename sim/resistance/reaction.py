@@ -134,7 +134,7 @@ def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
     area = solve_elements(surface, strength, flow, work, labels)
     if area == 0.0:
         return 0.0
-    water_motion(VELOCITY, work[0].depth, flow.waves, flow.time, labels, motion)
+    water_motion(VELOCITY, work[0].depth, flow.waves, flow.water, flow.time, labels, motion)
     relative_velocities(surface, pose.rotation, r.velocity, motion, work)
     fraction, growth = 1.0, 0.0
     if area < (1.0 - 1e-12) * strength.area:
@@ -149,7 +149,9 @@ def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
         fit_matrix(surface, work, lower)
         fit_motion(surface, pose.rotation, work, lower, motion, r.water)
         if hull.has_added_mass:
-            water_motion(ACCELERATION, work[0].depth, flow.waves, flow.time, labels, motion)
+            water_motion(
+                ACCELERATION, work[0].depth, flow.waves, flow.water, flow.time, labels, motion
+            )
             fit_motion(surface, pose.rotation, work, lower, motion, r.pull)
             add_added_mass(fraction, growth, factor, hull, reaction_out)
         if hull.has_damping:

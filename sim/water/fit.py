@@ -61,6 +61,11 @@ SHIFT = 0.05
 ends early, and patches are by that much smaller."""
 
 
+def still(sea: Sea) -> float:
+    """The level [m] at the time of all samples, when the waves have grown."""
+    return float(sea.level_at(sea.ramp))
+
+
 def sample_labels(sea: Sea) -> Array:
     """Labels (SAMPLES, 2) [m] of the samples, spread over many wavelengths."""
     span = 1000.0 * max((wave.wavelength for wave in sea.waves), default=1.0)
@@ -68,9 +73,9 @@ def sample_labels(sea: Sea) -> Array:
 
 
 def sample_places(sea: Sea) -> tuple[Array, Array]:
-    """Places x, y (SAMPLES,) [m] of the samples at time 0, most of them where particles crowd, at
+    """Places x, y (SAMPLES,) [m] of the samples, most of them where particles crowd, at
     the crests."""
-    return tuple(sea.particles(sample_labels(sea), 0.0)[:, :2].T.copy())
+    return tuple(sea.particles(sample_labels(sea), sea.ramp)[:, :2].T.copy())
 
 
 def newton_steps(sea: Sea, error: float) -> tuple[int, float]:
@@ -95,7 +100,7 @@ def _stepped(sea: Sea, x: Array, y: Array, labels: Array) -> tuple[Array, float]
         chunk = slice(start, min(start + CHUNK, len(labels)))
         count = chunk.stop - start
         filled = set_labels(labels[chunk, 0].copy(), labels[chunk, 1].copy(), guess)
-        wave_sums(filled, sea.components, 0.0, guess, sums)
+        wave_sums(filled, sea.components, sea.ramp, guess, sums)
         newton_labels(x[chunk], y[chunk], guess, sums, heights, found)
         stepped[chunk] = np.column_stack([found["x"][0, :count], found["y"][0, :count]])
         largest = max(largest, float(found["residual"][0, :count].max()))
@@ -170,21 +175,21 @@ def jet_error(sea: Sea, waves: Table, radius: float) -> float:
     from them."""
     x, y = sample_places(sea)
     jets = np.empty(x.size, JET)
-    solve_jets(x, y, waves, 0.0, float(sea.water["tolerance"][0]), 0, jets)
+    solve_jets(x, y, waves, sea.ramp, float(sea.water["tolerance"][0]), 0, jets)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     worst = 0.0
     for ring, angle in product(RINGS, angles):
         dx, dy = ring * radius * np.cos(angle), ring * radius * np.sin(angle)
-        found = sea.elevation(x + dx, y + dy, 0.0) - sea.level
+        found = sea.elevation(x + dx, y + dy, sea.ramp) - still(sea)
         worst = max(worst, float(np.abs(found - cubic(jets, dx, dy)).max()))
     return worst
 
 
 def head_jets(sea: Sea, waves: Table, x: Array, y: Array, above: Array) -> Table:
-    """HEAD_JETs (N,) at time 0 of waves of a sea, its own or fitted ones, at places x, y, so far
+    """HEAD_JETs (N,) of waves of a sea, its own or fitted ones, at places x, y, so far
     above the level, all (N,) [m]."""
     jets = np.empty(x.size, HEAD_JET)
-    solve_head_jets(x, y, above, waves, 0.0, float(sea.water["tolerance"][0]), 0, jets)
+    solve_head_jets(x, y, above, waves, sea.ramp, float(sea.water["tolerance"][0]), 0, jets)
     return jets
 
 
@@ -194,7 +199,7 @@ def head_jet_error(sea: Sea, waves: Table, radius: float) -> float:
     """
     x, y = sample_places(sea)
     share = np.resize(np.linspace(-2.0, 1.0, 7), x.size)
-    above = sea.elevation(x, y, 0.0) - sea.level + radius * np.minimum(share, 0.0)
+    above = sea.elevation(x, y, sea.ramp) - still(sea) + radius * np.minimum(share, 0.0)
     above += 0.7 * radius * np.maximum(share, 0.0)
     jets = head_jets(sea, waves, x, y, above)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
@@ -202,7 +207,7 @@ def head_jet_error(sea: Sea, waves: Table, radius: float) -> float:
     for ring, angle, dip in product(RINGS, angles, DIPS):
         dx, dy = (ring * radius * np.cos(dip) * f(angle) for f in (np.cos, np.sin))
         dz = ring * radius * np.sin(dip)
-        found = sea.head(x + dx, y + dy, sea.level + above + dz, 0.0)
+        found = sea.head(x + dx, y + dy, still(sea) + above + dz, sea.ramp)
         said = head_cubic(jets, dx, dy, dz)
         missed = np.where(found >= 0.0, np.abs(found - said), np.maximum(said, 0.0))
         worst = max(worst, float(missed.max()))
@@ -252,10 +257,10 @@ def largest_bend(sea: Sea, waves: Table) -> float:
     x, y = sample_places(sea)
     if sea.pressure == "hydrostatic":
         jets = np.empty(x.size, JET)
-        solve_jets(x, y, waves, 0.0, float(sea.water["tolerance"][0]), 0, jets)
+        solve_jets(x, y, waves, sea.ramp, float(sea.water["tolerance"][0]), 0, jets)
         names, axes = ("z_xx", "z_xy", "z_xy", "z_yy"), 2
     else:
-        jets = head_jets(sea, waves, x, y, sea.elevation(x, y, 0.0) - sea.level)
+        jets = head_jets(sea, waves, x, y, sea.elevation(x, y, sea.ramp) - still(sea))
         names, axes = ("xx", "xy", "xz", "xy", "yy", "yz", "xz", "yz", "zz"), 3
     hessians = np.stack([jets[n] for n in names], axis=-1).reshape(-1, axes, axes)
     return SAFETY * float(np.abs(np.linalg.eigvalsh(hessians)).max())

@@ -33,8 +33,9 @@ PLAIN_STEPS = 8
 """Newton steps taken without a safeguard; more would only delay the points that need one."""
 
 SAFEGUARDED_STEPS = 200
-"""Evaluations after which a point is given up and becomes NaN. Even at a steepness sum of 0.95
-some 20 suffice, so only a position that is not finite gets there."""
+"""Evaluations after which a point is given up: NaN, or the nearest label where waves fold. Even at
+a steepness sum of 0.95 some 20 suffice, so only a position that is not finite gets there, or one
+where many waves meet as they are taken never to."""
 
 ROUND_OFF = 1e-15
 """Relative to the distance from the origin: a residual below this is noise, so a point that far
@@ -53,16 +54,24 @@ ROW = ("f8", CHUNK)
 WAVE = record(
     turns_x="f8", turns_y="f8", turns="f8", frequency="f8",
     amplitude="f8", wavenumber="f8", direction_x="f8", direction_y="f8",
-    ka="f8", kka="f8", kkka="f8",
+    ka="f8", kka="f8", kkka="f8", rate="f8", rise="f8",
 )  # fmt: skip
-"""A wave as kernels read it: wavenumber vector [turns/m], phase [turns] and frequency [turns/s];
-amplitude a [m], wavenumber k [rad/m] and unit direction; k a, k^2 a and k^3 a, what it adds to
-derivatives of that order."""
+"""A wave as kernels read it: wavenumber vector [turns/m], phase [turns] and frequency [turns/s] at
+a place that stays; amplitude a [m], wavenumber k [rad/m] and unit direction; k a, k^2 a and k^3 a,
+what it adds to derivatives of that order; the rate [rad/s] at which the water turns, which does not
+see the current; and one over the time [s] in which it grows, 0 for a wave that was always there."""
 
-WATER = record(level="f8", amplitude="f8", tolerance="f8", scale="f8", decays="i8")
-"""What kernels know of a sea besides its waves: the still level [m], the sum of all amplitudes [m],
-the residual [m] at which a label counts as found, - density gravity [N/m^3], and whether the waves'
-pressure decays with depth."""
+MOST_TIDES = 16
+"""Times at which a sea may have levels of its own."""
+
+WATER = record(
+    level="f8", amplitude="f8", tolerance="f8", scale="f8", decays="i8", current=("f8", 3),
+    tides="i8", tide_time=("f8", MOST_TIDES), tide_level=("f8", MOST_TIDES),
+)  # fmt: skip
+"""What kernels know of a sea besides its waves: the still level [m] at the start, the sum of all
+amplitudes [m], the residual [m] at which a label counts as found, - density gravity [N/m^3],
+whether the waves' pressure decays with depth; the current [m/s]; and how many times [s] have levels
+[m] of their own."""
 
 LABELS = record(x=ROW, y=ROW, residual=ROW)
 """Workspace: labels of a chunk's points, and the residual squared [m^2] that a step began with."""
@@ -148,6 +157,35 @@ def decay(x):
 
 
 @inline
+def smooth_step(u):
+    """From 0 at u = 0 to 1 at u = 1 and beyond, level at both ends."""
+    v = min(max(u, 0.0), 1.0)
+    return v * v * (3.0 - 2.0 * v)
+
+
+@inline
+def growth(wave, time):
+    """Which part of its height a wave has at a time."""
+    return 1.0 if wave.rise == 0.0 else smooth_step(wave.rise * time)
+
+
+@inline
+def level_and_rise(water, time):
+    """The still level [m] at a time, and how fast it rises [m/s]: along straight lines between the
+    times that have one of their own."""
+    level, rise = water.level, 0.0
+    for i in range(water.tides):
+        last = i == water.tides - 1
+        if time >= water.tide_time[i]:
+            level, rise = water.tide_level[i], 0.0
+            if not last:
+                rise = water.tide_level[i + 1] - water.tide_level[i]
+                rise /= water.tide_time[i + 1] - water.tide_time[i]
+                level += rise * (time - water.tide_time[i])
+    return level, rise
+
+
+@inline
 def clear_sums(p, count):
     """Set the first `count` of all sums to 0."""
     for i in range(count):
@@ -178,7 +216,8 @@ def wave_sums(count, waves, time, labels, sums_out):
         wave = waves[w]
         turns_x, turns_y = wave.turns_x, wave.turns_y
         turns = wave.turns - wave.frequency * time
-        a, ka, dx, dy = wave.amplitude, wave.ka, wave.direction_x, wave.direction_y
+        part = growth(wave, time)
+        a, ka, dx, dy = part * wave.amplitude, part * wave.ka, wave.direction_x, wave.direction_y
         for i in range(count):
             s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
             add_wave(p, i, s, c, a, ka, dx, dy)
@@ -228,19 +267,25 @@ def safeguarded_steps(x, y, guess_x, guess_y, waves, time, tolerance, labels, su
             best = residual
             label_x, label_y = at.x[0], at.y[0]
             step_x, step_y = solved(p, 0, rx, ry)
+            if not step_x * step_x + step_y * step_y < 1e16 * residual:  # a fold: downhill will do
+                step_x, step_y = rx, ry
         else:
             step_x, step_y = 0.5 * step_x, 0.5 * step_y
         at.x[0], at.y[0] = label_x + step_x, label_y + step_y
         if is_solved(x, y, residual, tolerance):
             return at.x[0], at.y[0], p.z[0] + (p.z_x[0] * step_x + p.z_y[0] * step_y)
-    return np.nan, np.nan, np.nan
+    if best == np.inf:
+        return np.nan, np.nan, np.nan
+    at.x[0], at.y[0] = label_x, label_y  # in a fold no step may help: what came nearest
+    wave_sums(1, waves, time, labels, sums)
+    return label_x, label_y, p.z[0]
 
 
 @kernel
 def solve_point(x, y, guess_x, guess_y, waves, time, tolerance):
     """Safeguarded Newton for one point from a guess of its label: a step is kept only if the
-    residual falls, and halved until it does. Returns label x, y and height, all NaN when
-    SAFEGUARDED_STEPS were not enough."""
+    residual falls, and halved until it does. Returns label x, y and height, all NaN for points
+    that are not finite."""
     labels, sums = np.empty(1, LABELS), np.empty(1, SUMS)
     return safeguarded_steps(x, y, guess_x, guess_y, waves, time, tolerance, labels, sums)
 

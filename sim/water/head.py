@@ -20,7 +20,17 @@ waves of one heading. Bodies do not change it: no diffraction, no radiated waves
 import numpy as np
 
 from sim.kernels import inline, kernel, record
-from sim.water.gerstner import CHUNK, LABELS, ROW, decay, set_labels, sine_cosine, solve_labels
+from sim.water.gerstner import (
+    CHUNK,
+    LABELS,
+    ROW,
+    decay,
+    growth,
+    level_and_rise,
+    set_labels,
+    sine_cosine,
+    solve_labels,
+)
 
 PRESSURES = ("froude-krylov", "hydrostatic")
 """What a sea's pressure may be called."""
@@ -48,7 +58,8 @@ def wave_losses(depths, waves, time, labels, dynamic_out):
         wave = waves[w]
         turns_x, turns_y = wave.turns_x, wave.turns_y
         turns = wave.turns - wave.frequency * time
-        a, ka, k = wave.amplitude, wave.ka, wave.wavenumber
+        part = growth(wave, time)
+        a, ka, k = part * wave.amplitude, part * wave.ka, wave.wavenumber
         for i in range(depths.size):
             s, _ = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
             m = 1.0 - decay(k * max(depths[i], 0.0))
@@ -69,7 +80,8 @@ def take_losses(depths, dynamic, heads_out):
 def solve_heads(x, y, z, waves, water, time, heads_out):
     """Heads (N,) [m] at the points x, y, z: (N,) [m], from one solve each."""
     guess, labels = np.empty(1, LABELS), np.empty(1, LABELS)
-    dynamic, depths, level = np.empty(1, DYNAMIC), np.empty(CHUNK), water[0].level
+    dynamic, depths = np.empty(1, DYNAMIC), np.empty(CHUNK)
+    level, _ = level_and_rise(water[0], time)
     decays = water[0].decays and waves.size > 0
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)

@@ -31,6 +31,7 @@ from sim.water.gerstner import (
     SUMS,
     clear_sums,
     decay,
+    growth,
     newton_labels,
     solve_labels,
     solved,
@@ -127,7 +128,10 @@ def head_sums(count, waves, time, labels, sums_out, higher_out, decayed_out):
     clear_decayed(d, count)
     for w in range(waves.size):
         wave = waves[w]
-        a, ka, kka, kkka = wave.amplitude, wave.ka, wave.kka, wave.kkka
+        part = growth(wave, time)
+        a, ka, kka, kkka = (
+            part * wave.amplitude, part * wave.ka, part * wave.kka, part * wave.kkka
+        )  # fmt: skip
         k, dx, dy = wave.wavenumber, wave.direction_x, wave.direction_y
         add_wave_jet(at, p, h, count, wave, time)
         for i in range(count):

@@ -22,6 +22,7 @@ from sim.water.gerstner import (
     SUMS,
     add_wave,
     clear_sums,
+    growth,
     newton_labels,
     set_labels,
     sine_cosine,
@@ -102,8 +103,10 @@ def add_wave_jet(at, p, h, count, wave, time):
     cosine. Loops with few fields each, which the compiler vectorises."""
     turns_x, turns_y = wave.turns_x, wave.turns_y
     turns = wave.turns - wave.frequency * time
-    a, dx, dy = wave.amplitude, wave.direction_x, wave.direction_y
-    ka, kka, kkka = wave.ka, wave.kka, wave.kkka
+    part, dx, dy = growth(wave, time), wave.direction_x, wave.direction_y
+    a, ka, kka, kkka = (
+        part * wave.amplitude, part * wave.ka, part * wave.kka, part * wave.kkka
+    )  # fmt: skip
     for i in range(count):
         s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
         h.sine[i], h.cosine[i] = s, c

@@ -5,10 +5,8 @@ exp(- k depth). Label and depth are those of the surface right above the point, 
 the surface and off by a relative k a at depth, where little is left of the motion.
 """
 
-import numpy as np
-
 from sim.kernels import kernel, record
-from sim.water.gerstner import ROW, decay, sine_cosine
+from sim.water.gerstner import ROW, decay, growth, level_and_rise, sine_cosine
 
 MOTION = record(x=ROW, y=ROW, z=ROW)
 """Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points."""
@@ -18,21 +16,27 @@ VELOCITY, ACCELERATION = 0, 1
 
 
 @kernel
-def water_motion(order, depths, waves, time, labels, motion_out):
+def water_motion(order, depths, waves, water, time, labels, motion_out):
     """Velocities or accelerations of the water at the depths (N,) [m] below the first N LABELS.
 
-    An acceleration is - omega times the velocity a quarter of a turn later.
+    An acceleration is - omega times the velocity a quarter of a turn later. That waves grow is
+    left out: they take many periods to.
     """
     at, v, count = labels[0], motion_out[0], depths.size
+    x, y, z = 0.0, 0.0, 0.0
+    if order == VELOCITY:
+        _, rise = level_and_rise(water[0], time)
+        x, y, z = water[0].current[0], water[0].current[1], water[0].current[2] + rise
     for i in range(count):
-        v.x[i], v.y[i], v.z[i] = 0.0, 0.0, 0.0
+        v.x[i], v.y[i], v.z[i] = x, y, z
     for w in range(waves.size):
         wave = waves[w]
         turns_x, turns_y = wave.turns_x, wave.turns_y
         turns = wave.turns - wave.frequency * time + 0.25 * order
         k, dx, dy = wave.wavenumber, wave.direction_x, wave.direction_y
-        rate = 2.0 * np.pi * wave.frequency
-        speed = rate * wave.amplitude * (-rate if order == ACCELERATION else 1.0)
+        speed = growth(wave, time) * wave.rate * wave.amplitude
+        if order == ACCELERATION:
+            speed *= -wave.rate
         for i in range(count):
             s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
             swing = speed * decay(k * depths[i])

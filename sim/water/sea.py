@@ -4,19 +4,19 @@ The formulas and the solver are in `gerstner`, `head` and `jets`; here is the pu
 checks and its units.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.kernels import read_only
-from sim.water.gerstner import WATER, solve_heights
+from sim.water.gerstner import MOST_TIDES, WATER, solve_heights
 from sim.water.head import PRESSURES, solve_heads
 from sim.water.jets import JET, solve_jets
 from sim.water.spectrum import DEFAULT_SPREAD, jonswap
-from sim.water.wave import Wave, wave_table
+from sim.water.wave import FEW, Wave, steepness_of, wave_table
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
@@ -43,15 +43,20 @@ class Sea:
     """A sum of Gerstner waves over still water at `level` [m].
 
     waves: any number, none for flat water; density [kg/m^3]; gravity [m/s^2], downwards; pressure:
-    "froude-krylov", where that of the waves decays with depth, or "hydrostatic" (see `head`).
+    "froude-krylov", where that of the waves decays with depth, or "hydrostatic" (see `head`);
+    current: velocity of all of the water, 2 or 3 numbers [m/s], on which the waves ride; ramp [s]:
+    in which the waves grow smoothly from nothing at time 0; tide: pairs of a time [s] and the level
+    [m] there, in rising order, with straight lines between them, instead of one level.
     `level` is the mean of the particles' heights; that of the surface over places, and of the water
     that deep bodies feel, lies sum k a^2 / 2 below it, because crests are narrow. Positions are
     world coordinates [m], times [s]; x, y, z and time broadcast. Immutable. Raises ValueError for
-    waves that fold (sum of k a at 1 or above) and unusable numbers.
+    waves that fold and unusable numbers.
 
-    steepness: sum of k a over the waves, the surface is a graph below 1; amplitude [m]: sum of
-    the amplitudes, no crest rises and no trough falls further from the level; components: the waves
-    as kernels read them (`gerstner.WAVE`); water: all else that they need (`gerstner.WATER`).
+    steepness: sum of k a over the waves; worst_steepness: the same, or `wave.SIGMAS` standard
+    deviations of such sums where that is less, the surface is a graph below 1; amplitude [m]: sum
+    of the amplitudes, no crest rises and no trough falls further from the level; components: the
+    waves as kernels read them (`gerstner.WAVE`); water: all else that they need
+    (`gerstner.WATER`).
     """
 
     waves: tuple[Wave, ...] = ()
@@ -59,7 +64,11 @@ class Sea:
     gravity: float = 9.81
     level: float = 0.0
     pressure: str = DEFAULT_PRESSURE
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ramp: float = 0.0
+    tide: tuple[tuple[float, float], ...] = ()
     steepness: float = field(init=False, repr=False, compare=False)
+    worst_steepness: float = field(init=False, repr=False, compare=False)
     amplitude: float = field(init=False, repr=False, compare=False)
     components: Table = field(init=False, repr=False, compare=False)
     water: Table = field(init=False, repr=False, compare=False)
@@ -71,6 +80,9 @@ class Sea:
         gravity: float = 9.81,
         level: float = 0.0,
         pressure: str = DEFAULT_PRESSURE,
+        current: Sequence[float] = (0.0, 0.0, 0.0),
+        ramp: float = 0.0,
+        tide: Sequence[tuple[float, float]] = (),
     ) -> None:
         if pressure not in PRESSURES:
             raise ValueError(f"water pressure is '{pressure}'; expected {' or '.join(PRESSURES)}")
@@ -79,22 +91,38 @@ class Sea:
                 raise ValueError(f"water {name} is {value}; it must be finite and above 0")
         if not np.isfinite(level):
             raise ValueError(f"water level is {level}; it must be a finite number")
-        waves = tuple(waves)
+        tide = checked_tide(tide)
+        waves, level = tuple(waves), tide[0][1] if tide else level
         self._set(waves=waves, density=float(density), gravity=float(gravity), level=float(level))
-        self._set(pressure=pressure)
-        self._set(steepness=float(sum(w.steepness for w in waves)))
+        self._set(pressure=pressure, current=checked_current(current), tide=tide)
+        if not (np.isfinite(ramp) and ramp >= 0.0):
+            raise ValueError(f"the water's ramp is {ramp} s; it must be finite and 0 or more")
+        self._set(ramp=float(ramp))
+        parts = [w.steepness for w in waves]
+        self._set(steepness=float(sum(parts)), worst_steepness=steepness_of(parts))
         self._set(amplitude=float(sum(w.amplitude for w in waves)))
-        if self.steepness >= 1.0:
+        if self.worst_steepness >= 1.0:
             raise ValueError(
                 f"the waves fold: the sum of k a over {len(waves)} waves is "
-                f"{self.steepness:.3f} and must stay below 1; scale all amplitudes by less than "
-                f"{1.0 / self.steepness:.3f} or lengthen the waves"
+                f"{self.worst_steepness:.3f}{' as waves meet' if len(waves) > FEW else ''} and "
+                "must stay below 1; scale all amplitudes by less than "
+                f"{1.0 / self.worst_steepness:.3f} or lengthen the waves"
             )
-        scale = -self.density * self.gravity
-        decays = pressure != "hydrostatic"
-        numbers = (self.level, self.amplitude, self._residual_tolerance(), scale, decays)
-        water = read_only(np.array([numbers], WATER))
-        self._set(components=wave_table(waves, self.gravity), water=water)
+        self._set(components=wave_table(waves, self.gravity, self.current, self.ramp))
+        self._set(water=self._water())
+
+    def _water(self) -> Table:
+        """All that kernels need besides the waves, WATER."""
+        water = np.zeros(1, WATER)
+        row = water[0]
+        row["level"], row["amplitude"] = self.level, self.amplitude
+        row["tolerance"] = self._residual_tolerance()
+        row["scale"] = -self.density * self.gravity
+        row["decays"] = self.pressure != "hydrostatic"
+        row["current"], row["tides"] = self.current, len(self.tide)
+        for i, (time, level) in enumerate(self.tide):
+            row["tide_time"][i], row["tide_level"][i] = time, level
+        return read_only(water)
 
     def _set(self, **values: object) -> None:
         for name, value in values.items():
@@ -138,6 +166,12 @@ class Sea:
         curvature = self.curvature_bound
         return float(np.sqrt(2.0 * ELEVATION_ERROR / curvature)) if curvature > 0.0 else np.inf
 
+    def level_at(self, time: ArrayLike) -> Array:
+        """The still level [m] at times [s]."""
+        if not self.tide:
+            return np.full(np.shape(time), self.level)
+        return np.interp(time, *np.transpose(self.tide))
+
     @property
     def significant_height(self) -> float:
         """4 sqrt(m0) [m] with m0 = sum a^2 / 2, the variance of the elevation to first order."""
@@ -150,8 +184,8 @@ class Sea:
         In the formula of H (see `jets`) each factor J^-1 is at most 1 / (1 - sum k a) and M, as
         |G| <= sum k a / (1 - sum k a), at most sum k^2 a / (1 - sum k a).
         """
-        total = sum(w.wavenumber**2 * w.amplitude for w in self.waves)
-        return float(total / (1.0 - self.steepness) ** 3)
+        total = steepness_of([w.wavenumber**2 * w.amplitude for w in self.waves])
+        return total / (1.0 - self.worst_steepness) ** 3
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
         """Height z of the surface [m] above the points (x, y) at a time.
@@ -163,7 +197,7 @@ class Sea:
         def solve(time: float, x: Array, y: Array) -> Array:
             heights = np.empty(x.size)
             solve_heights(x, y, self.components, time, float(self.water["tolerance"][0]), heights)
-            return heights + self.level
+            return heights + self.level_at(time)
 
         return _per_time(solve, time, x, y)
 
@@ -176,7 +210,7 @@ class Sea:
         """The same water with a pressure of another name. Raises ValueError."""
         if pressure == self.pressure:
             return self
-        return Sea(self.waves, self.density, self.gravity, self.level, pressure)
+        return replace(self, pressure=pressure)
 
     def head(self, x: ArrayLike, y: ArrayLike, z: ArrayLike, time: ArrayLike) -> Array:
         """Pressure of the water over density * gravity [m] at places (x, y, z) at a time: positive
@@ -201,12 +235,12 @@ class Sea:
         jets, waves = _per_time(solve, time, x, y), self.components
         labels = np.stack([jets["label_x"], jets["label_y"]], axis=-1)
         theta = self._angles(labels, np.asarray(time, dtype=float))
-        speed = 2.0 * np.pi * waves["frequency"] * waves["amplitude"]
-        across = (speed * np.sin(theta)) @ self._directions
-        up = -np.cos(theta) @ speed
+        speed = waves["rate"] * waves["amplitude"] * self._growth(time)[..., None]
+        across = (speed * np.sin(theta)) @ self._directions + self.current[:2]
+        up = -(speed * np.cos(theta)).sum(axis=-1) + self.current[2]
         hessian = [jets["z_xx"], jets["z_xy"], jets["z_xy"], jets["z_yy"]]
         return Surface(
-            jets["z"] + self.level,
+            jets["z"] + self.level_at(time),
             np.stack([jets["z_x"], jets["z_y"]], axis=-1),
             np.stack(hessian, axis=-1).reshape((*jets.shape, 2, 2)),
             np.concatenate([across, up[..., None]], axis=-1),
@@ -220,9 +254,9 @@ class Sea:
         """Positions (..., 3) [m] of the surface particles with labels (..., 2) [m]."""
         labels = np.asarray(labels, dtype=float)
         theta = self._angles(labels, np.asarray(time, dtype=float))
-        amplitude = self.components["amplitude"]
+        amplitude = self.components["amplitude"] * float(self._growth(time))
         x = labels + (amplitude * np.cos(theta)) @ self._directions
-        z = self.level + np.sin(theta) @ amplitude
+        z = float(self.level_at(time)) + np.sin(theta) @ amplitude
         return np.concatenate([x, z[..., None]], axis=-1)
 
     def particle_grid(self, x: ArrayLike, y: ArrayLike, time: float) -> Array:
@@ -235,14 +269,25 @@ class Sea:
         turns_x = np.outer(x, waves["turns_x"])
         turns_y = np.outer(y, waves["turns_y"]) + waves["turns"] - waves["frequency"] * time
         along_x = np.exp(2j * np.pi * (turns_x - np.round(turns_x)))
-        along_y = waves["amplitude"] * np.exp(2j * np.pi * (turns_y - np.round(turns_y)))
+        along_y = (
+            float(self._growth(time))
+            * waves["amplitude"]
+            * np.exp(2j * np.pi * (turns_y - np.round(turns_y)))
+        )
         positions = np.empty((len(along_x), len(along_y), 3))
         for axis, direction in enumerate(self._directions.T):
             positions[..., axis] = ((along_x * direction) @ along_y.T).real
         positions[..., 0] += np.reshape(x, (-1, 1))
         positions[..., 1] += y
-        positions[..., 2] = self.level + (along_x @ along_y.T).imag
+        positions[..., 2] = float(self.level_at(time)) + (along_x @ along_y.T).imag
         return positions
+
+    def _growth(self, time: ArrayLike) -> Array:
+        """Which part of their heights the waves have at times [s]."""
+        if self.ramp == 0.0:
+            return np.ones(np.shape(time))
+        u = np.clip(np.asarray(time, dtype=float) / self.ramp, 0.0, 1.0)
+        return u * u * (3.0 - 2.0 * u)
 
     @property
     def _directions(self) -> Array:
@@ -258,6 +303,24 @@ class Sea:
             - waves["frequency"] * time[..., None]
         )
         return 2.0 * np.pi * (turns - np.round(turns))
+
+
+def checked_current(current: Sequence[float]) -> tuple[float, float, float]:
+    """A velocity of 2 or 3 numbers [m/s] as three. Raises ValueError."""
+    values = np.asarray(current, dtype=float)
+    if values.shape not in ((2,), (3,)) or not np.isfinite(values).all():
+        raise ValueError(f"the current is {current}; expected 2 or 3 finite numbers [m/s]")
+    return tuple(np.resize([*values, 0.0], 3).tolist())
+
+
+def checked_tide(tide: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Pairs of a time [s] and a level [m]. Raises ValueError."""
+    pairs = np.asarray(tide, dtype=float).reshape(-1, 2)
+    if len(pairs) == 1 or len(pairs) > MOST_TIDES:
+        raise ValueError(f"the tide has {len(pairs)} levels; expected 2 to {MOST_TIDES} pairs")
+    if not np.isfinite(pairs).all() or not (np.diff(pairs[:, 0]) > 0.0).all():
+        raise ValueError("the tide's times must rise, and all of its numbers be finite")
+    return tuple((float(time), float(level)) for time, level in pairs)
 
 
 def _per_time(solve: Callable[..., Array | Table], time: ArrayLike, *places: ArrayLike) -> Any:

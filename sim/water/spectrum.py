@@ -19,7 +19,7 @@ Longuet-Higgins, Cartwright and Smith 1963 and Mitsuyasu et al. 1975 for the spr
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.water.wave import Wave
+from sim.water.wave import FEW, Wave, steepness_of
 
 Array = NDArray[np.float64]
 
@@ -57,15 +57,7 @@ def jonswap(
     phases = rng.uniform(0.0, 2.0 * np.pi, count)
     amplitude = significant_height * np.sqrt(1.0 / (8.0 * count))
     lengths = 2.0 * np.pi * gravity / frequencies**2
-    steepness = float((2.0 * np.pi / lengths).sum() * amplitude)
-    if steepness >= 1.0:
-        raise ValueError(
-            f"the waves of this JONSWAP sea fold: the sum of k a over {count} waves is "
-            f"{steepness:.3f} and must stay below 1; lower the significant height below "
-            f"{significant_height / steepness:.3g} m, raise the peak period above "
-            f"{peak_period * np.sqrt(steepness):.3g} s, or take some "
-            f"{max(1, int(0.9 * count / steepness**2))} waves"
-        )
+    _check_folding(2.0 * np.pi / lengths * amplitude, significant_height, peak_period)
     return tuple(Wave(amplitude, *w) for w in zip(lengths, headings, phases, strict=True))
 
 
@@ -96,6 +88,20 @@ def equal_share_angles(spread: float, count: int) -> Array:
     shares = np.cumsum(np.cos(0.5 * angles) ** (2.0 * exponent))
     middles = (np.arange(count) + 0.5) / count
     return np.interp(middles, (shares - 0.5 * shares[0]) / shares[-1], angles)
+
+
+def _check_folding(parts: Array, height: float, period: float) -> None:
+    """Refuse waves of steepnesses (N,) that fold, with what would do. Raises ValueError."""
+    steepness, count = steepness_of(parts), len(parts)
+    if steepness < 1.0:
+        return
+    met = " as waves meet" if count > FEW else ""
+    raise ValueError(
+        f"the waves of this sea fold: the sum of k a over {count} waves is {steepness:.3f}{met} "
+        f"and must stay below 1; lower the significant height below {height / steepness:.3g} m, "
+        f"raise the peak period above {period * np.sqrt(steepness):.3g} s, or take some "
+        f"{max(1, int(0.9 * count / parts.sum() ** 2))} waves"
+    )
 
 
 def _check_jonswap(

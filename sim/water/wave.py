@@ -9,6 +9,14 @@ from numpy.typing import NDArray
 from sim.kernels import read_only
 from sim.water.gerstner import WAVE
 
+SIGMAS = 7.0
+"""Standard deviations that the sums of k a in J and in the head's slope are taken to stay within.
+Sums of sines have thinner tails than the normal distribution, by which seven are passed by one
+independent place and time in 4e10: a hull of ten by ten wavelengths meets 5e4 of these an hour."""
+
+FEW = 25
+"""Waves of one steepness up to which their plain sum is less than SIGMAS standard deviations."""
+
 
 @dataclass(frozen=True)
 class Wave:
@@ -47,8 +55,20 @@ class Wave:
         return self.wavenumber * self.amplitude
 
 
-def wave_table(waves: Sequence[Wave], gravity: float) -> NDArray[np.void]:
-    """WAVE records (N,), read-only."""
+def steepness_of(parts: Sequence[float]) -> float:
+    """How large a sum of waves becomes, each of which adds a sine of such an amplitude: all of them
+    at once, or SIGMAS standard deviations where that is less, as it is of more than FEW."""
+    return float(min(np.sum(parts), SIGMAS * np.sqrt(0.5 * np.sum(np.square(parts)))))
+
+
+def wave_table(
+    waves: Sequence[Wave],
+    gravity: float,
+    current: Sequence[float] = (0.0, 0.0),
+    ramp: float = 0.0,
+) -> NDArray[np.void]:
+    """WAVE records (N,), read-only: of waves that ride on a current [m/s] and take a ramp [s] to
+    grow."""
     table = np.zeros(len(waves), WAVE)
     for row, wave in zip(table, waves, strict=True):
         k, amplitude = wave.wavenumber, wave.amplitude
@@ -58,8 +78,11 @@ def wave_table(waves: Sequence[Wave], gravity: float) -> NDArray[np.void]:
             direction_y / wave.wavelength,
         )
         row["turns"] = wave.phase / (2.0 * np.pi)
+        row["rate"] = np.sqrt(gravity * k)
         row["frequency"] = np.sqrt(gravity * k) / (2.0 * np.pi)
+        row["frequency"] += row["turns_x"] * current[0] + row["turns_y"] * current[1]
         row["amplitude"], row["wavenumber"] = amplitude, k
         row["direction_x"], row["direction_y"] = direction_x, direction_y
         row["ka"], row["kka"], row["kkka"] = k * amplitude, k**2 * amplitude, k**3 * amplitude
+        row["rise"] = 1.0 / ramp if ramp > 0.0 else 0.0
     return read_only(table)
