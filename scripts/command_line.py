@@ -95,6 +95,23 @@ def at_least(lowest: int, highest: int = MOST) -> Callable[[str], int]:
     return read
 
 
+def add_scene_options(parser: argparse.ArgumentParser) -> None:
+    """What says how a scene differs from its file."""
+    parser.add_argument(
+        "--set", action="append", default=[], dest="settings", metavar="NAME=VALUE",
+        help='overrules a custom field ("wave_swell=0.2 4 0 0", wave_swell.amplitude=0.2)',
+    )  # fmt: skip
+    parser.add_argument("--keyframe", metavar="NAME", help="to start from (the first)")
+    parser.add_argument(
+        "--seed", type=at_least(0, 2**53), metavar="N", help="of the irregular seas"
+    )
+
+
+def settings_of(options: argparse.Namespace) -> list[str]:
+    """The settings that a command line asks for."""
+    return [*options.settings, *([] if options.seed is None else [f"seed={options.seed}"])]
+
+
 @contextmanager
 def loading_notice(quiet: bool) -> Iterator[None]:
     """Say that kernels are being compiled if they are in the block, and for long enough; on a

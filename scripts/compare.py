@@ -13,6 +13,7 @@ full, 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on di
 
 from command_line import (
     Parser,
+    add_scene_options,
     at_least,
     check_outputs,
     check_writable,
@@ -24,6 +25,7 @@ from command_line import (
     refusal,
     run_script,
     run_to_the_end,
+    settings_of,
     stop_signals,
     write_json,
 )
@@ -72,6 +74,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
                         help="runs; later ones begin at random times of the sea (1)")  # fmt: skip
     parser.add_argument("--timestep", type=positive, metavar="S",
                         help="overrules the scene's timestep")  # fmt: skip
+    add_scene_options(parser)
     record = parser.add_mutually_exclusive_group()
     record.add_argument("--record", type=Path, metavar="FILE.rrd",
                         help="default recordings/<scene>_twins.rrd")  # fmt: skip
@@ -94,7 +97,12 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
     with loading_notice(quiet=again), said:
         for text in options.methods:
             scene = Scene.load(
-                options.scene, text, timestep=options.timestep, pressure=options.pressure
+                options.scene,
+                text,
+                timestep=options.timestep,
+                pressure=options.pressure,
+                settings=settings_of(options),
+                keyframe=options.keyframe,
             )
             scene.compile_kernels()
             same = sum(label.split(" ")[0] == text for label in twins)

@@ -9,6 +9,7 @@ Exit status: 0 on success, 2 on unusable input, 3 when the state diverged, 4 whe
 from command_line import (
     UNWRITABLE,
     Parser,
+    add_scene_options,
     at_least,
     check_outputs,
     check_writable,
@@ -21,6 +22,7 @@ from command_line import (
     run_script,
     run_to_the_end,
     say_errors,
+    settings_of,
     stop_signals,
     write_json,
 )
@@ -61,6 +63,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--threads", type=at_least(1, MOST_THREADS), metavar="N", help="share the hulls (1)"
     )
+    add_scene_options(parser)
     record = parser.add_mutually_exclusive_group()
     record.add_argument(
         "--record", type=Path, metavar="FILE.rrd", help="default recordings/<scene>.rrd"
@@ -101,6 +104,8 @@ def load(options: argparse.Namespace) -> Scene:
             options.timestep,
             options.threads,
             options.pressure,
+            settings_of(options),
+            options.keyframe,
         )
         scene.compile_kernels()
         observe(scene)

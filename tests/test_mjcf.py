@@ -182,7 +182,7 @@ REFUSALS = {
     ),
     "three numbers": (
         dict(custom='<numeric name="wave_a" data="0.5 2 0"/>'),
-        "'wave_a' has 3 numbers; expected 4: wave amplitude m",
+        "'wave_a' has 3 numbers; expected 4: amplitude m",
     ),
     "two levels": (
         dict(custom='<numeric name="water_level" data="0 1"/>'),

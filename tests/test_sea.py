@@ -9,7 +9,16 @@ import pytest
 from independent import three_waves
 from sim import Sea, Wave
 from sim.water.fit import fitted_waves, newton_steps
-from sim.water.gerstner import PLAIN_STEPS, sine_cosine, solve_point
+from sim.water.gerstner import (
+    CHUNK,
+    LABELS,
+    PLAIN_STEPS,
+    SUMS,
+    set_labels,
+    sine_cosine,
+    solve_point,
+    wave_sums,
+)
 from sim.water.sea import ELEVATION_ERROR
 
 MAP_ROUND_OFF = 1e-12  # m, of positions within some tens of metres
@@ -301,3 +310,50 @@ def test_copies_stay_as_they_are(again):
     for table in (sea.components, sea.water):
         with pytest.raises(ValueError, match="read-only"):
             table[:] = table
+
+
+def many_waves(**options) -> Sea:
+    """An ordinary sea of 200 waves, whose steepnesses add up to 1.6."""
+    return Sea.jonswap(4.0, 9.0, waves=200, seed=1, **options)
+
+
+def test_many_waves_are_judged_by_how_they_meet():
+    """Of a few the sum counts, of many seven standard deviations; a sea too steep by these, too,
+    is refused with what would do."""
+    sea = many_waves()
+    assert sea.steepness == pytest.approx(1.61, abs=0.02)
+    deviation = np.sqrt(0.5 * sum(w.steepness**2 for w in sea.waves))
+    assert sea.worst_steepness == pytest.approx(7.0 * deviation)
+    assert 0.5 < sea.worst_steepness < 1.0
+    few = three_waves()
+    assert few.worst_steepness == few.steepness
+    with pytest.raises(ValueError, match="as waves meet and must stay below 1; scale all"):
+        Sea([Wave(1.3 * w.amplitude, w.wavelength, w.heading, w.phase) for w in sea.waves])
+
+
+def test_many_waves_never_fold_where_they_were_tried():
+    """At four million seeded places and times the map from labels to places keeps its sense, and
+    pressure grows downwards."""
+    sea, rng = many_waves(), np.random.default_rng(12)
+    labels, sums = np.empty(1, LABELS), np.empty(1, SUMS)
+    least = np.inf
+    for time in rng.uniform(0.0, 1e5, 4):
+        for _ in range(4_000_000 // 4 // CHUNK):
+            count = set_labels(*rng.uniform(-1e4, 1e4, (2, CHUNK)), labels)
+            wave_sums(count, sea.components, time, labels, sums)
+            xx, xy, yy = (sums[name][0] for name in ("x_x", "x_y", "y_y"))
+            determinant = (1.0 + xx) * (1.0 + yy) - xy * xy
+            least = min(least, determinant.min(), (1.0 + xx + yy).min())
+    assert least > 0.3  # the sums stay within 1 / 7 of them by their spread, times 5
+
+
+def test_where_all_waves_conspire_the_surface_is_finite():
+    """In the one event that is taken never to be: a fold."""
+    waves = [Wave(w.amplitude, w.wavelength, w.heading, 0.5 * np.pi) for w in many_waves().waves]
+    sea = Sea(waves)
+    x, y = np.meshgrid(np.linspace(-3.0, 3.0, 41), np.linspace(-3.0, 3.0, 41))
+    heights = sea.elevation(x, y, 0.0)
+    assert np.isfinite(heights).all()
+    assert np.abs(heights).max() <= sea.amplitude
+    assert np.isfinite(sea.head(x, y, -1.0, 0.0)).all()
+    assert np.isnan(sea.elevation(np.nan, 0.0, 0.0))

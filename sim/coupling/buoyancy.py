@@ -6,10 +6,11 @@ its solver and integrators do the rest, contacts included.
 """
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
 from threading import RLock
 from time import perf_counter_ns
 from typing import NoReturn
@@ -110,13 +111,16 @@ class Buoyancy:
         tolerance: float | None = None,
         threads: int | None = None,
         pressure: str | None = None,
+        settings: Iterable[str] = (),
+        folder: str | Path = "",
     ) -> "Buoyancy":
         """Read the model's custom fields (see `mjcf`); `method` overrules them for all geoms (and
         the pressure, if it names one: "patches/hydrostatic"), `tolerance` [m of water height] for
-        the methods that take one, `threads` and `pressure`. Raises ValueError that names the
-        element at fault."""
+        the methods that take one, `threads` and `pressure`, `settings` single fields (see
+        `settings`). Files that the fields name are looked for in the folder. Raises ValueError
+        that names the element at fault."""
         model = getattr(model, "ptr", model)  # dm_control's wrapper
-        sea, floats, asked = read_model(model, method, tolerance, pressure)
+        sea, floats, asked = read_model(model, method, tolerance, pressure, settings, Path(folder))
         return cls(model, sea, floats, asked if threads is None else threads)
 
     @property

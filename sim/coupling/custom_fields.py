@@ -6,9 +6,18 @@
     numeric water_current             m/s, 2 or 3 numbers: the waves ride on it   (0 0)
     numeric water_ramp                s in which the waves grow from nothing      (0)
     numeric wave_<name>               amplitude m, wavelength m, heading deg, phase deg
-    numeric sea_jonswap               significant height m, peak period s, gamma, heading deg,
-                                      spread deg, waves, seed; all after the period may be left
-                                      out (see Sea.jonswap)
+    numeric sea_jonswap               significant height m, peak period s, gamma (3.3), heading deg
+                                      (0), spread deg (25), waves (40), seed (0); all after the
+                                      period may be left out (see Sea.jonswap)
+    numeric sea_bretschneider         the same without gamma
+    numeric sea_pierson_moskowitz     the same without the period
+    numeric sea_ochi_hubble           height m, period s, sharpness of the swell, then of the wind
+                                      sea, heading deg and so on
+    text    sea_components            a CSV file beside the MJCF file: amplitude m, wavelength m or
+                                      period s, heading deg, phase deg     (see sim/water/measured)
+    text    sea_record                a CSV file of time s and elevation m at a place
+    numeric sea_record                its heading deg, shortest and longest period s (1 60), place x
+                                      and y m (0 0)
     text    water_pressure            froude-krylov or hydrostatic     (see sim/water/head)
     text    buoyancy_method           how wrenches are computed        (see sim.methods)
     text    buoyancy_method_<geom>    the same for one geom
@@ -63,13 +72,23 @@ OWN_PREFIXES = (
 BUOYANT = "buoyant"
 """The tuple that names what floats."""
 
-IRREGULAR_SEA = "sea_jonswap"
+COMPONENTS, RECORD = "sea_components", "sea_record"
+"""The texts that name files."""
 
 METHOD = "buoyancy_method"
 """The text that names a method; '<METHOD>_<geom>' one geom's own."""
 
 PRESSURE = "water_pressure"
 """The text that names the pressure under waves."""
+
+
+TEXTS = (PRESSURE, COMPONENTS, RECORD, METHOD)
+"""The custom texts that we know, besides a geom's own method."""
+
+
+def is_text(name: str) -> bool:
+    """Whether a text of ours may have a name."""
+    return name in TEXTS or name.startswith(f"{METHOD}_")
 
 
 def custom_names(model: mujoco.MjModel, kind: mujoco.mjtObj) -> list[str]:
@@ -105,7 +124,8 @@ def refuse_unknown(kind: str, name: str, known: str) -> None:
     raise ValueError(f"custom {kind} '{name}' is unknown; expected {known}: correct or rename it")
 
 
-def _numeric_kind(name: str) -> NumericKind | None:
+def numeric_kind(name: str) -> NumericKind | None:
+    """What a numeric of ours of a name holds, None for an unknown name."""
     if name.startswith("wave_"):
         return WAVE
     base = base_of(name)
@@ -126,13 +146,14 @@ def numerics_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str,
     for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_NUMERIC, prefix):
         with faults.collected():
             values = np.array(model.numeric(i).data)
-            _check_numeric(name, values)
+            check_numeric(name, values)
             found[name] = values
     return found
 
 
-def _check_numeric(name: str, values: Array) -> None:
-    kind = _numeric_kind(name)
+def check_numeric(name: str, values: Array) -> None:
+    """Raises ValueError for a name that is unknown and for numbers that cannot be."""
+    kind = numeric_kind(name)
     if kind is None:
         known = [b + "[_<geom>]" * k.per_geom for b, k in NUMERICS.items()]
         refuse_unknown("numeric", name, f"{', '.join(known)} or wave_<name>")
@@ -151,10 +172,8 @@ def texts_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str, st
     found = {}
     for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_TEXT, prefix):
         with faults.collected():
-            if name not in (METHOD, PRESSURE) and not name.startswith(f"{METHOD}_"):
-                refuse_unknown(
-                    "text", name, "water_pressure, buoyancy_method or buoyancy_method_<geom>"
-                )
+            if not is_text(name):
+                refuse_unknown("text", name, f"{', '.join(TEXTS)} or {METHOD}_<geom>")
             start = model.text_adr[i]
             raw = bytes(model.text_data[start : start + model.text_size[i]])
             found[name] = raw.split(b"\0")[0].decode().strip()

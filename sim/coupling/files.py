@@ -7,10 +7,13 @@ from xml.etree import ElementTree
 FOLDERS = ("meshdir", "texturedir", "assetdir")
 """Attributes of <compiler> that say where files are looked for."""
 
+SEAS = ("sea_components", "sea_record")
+"""Custom texts that name files."""
+
 
 def model_files(path: Path) -> list[Path]:
     """An MJCF file and all files that it names and that are there: includes, theirs too, meshes,
-    height fields, textures. Of a file that is no XML, itself."""
+    height fields, textures, seas. Of a file that is no XML, itself."""
     found: list[Path] = [path]
     folders, names, waiting = [path.parent], [], [path]
     while waiting:
@@ -18,6 +21,8 @@ def model_files(path: Path) -> list[Path]:
             folders += [path.parent / element.attrib[f] for f in FOLDERS if f in element.attrib]
             if "file" in element.attrib:
                 names.append(element.attrib["file"])
+            if element.tag == "text" and element.attrib.get("name") in SEAS:
+                names.append(element.attrib.get("data", ""))
             included = path.parent / element.attrib.get("file", "")
             if element.tag == "include" and included.is_file() and included not in found:
                 found.append(included)

@@ -5,8 +5,9 @@ the top of `custom_fields`. Everything else (mass, inertia, joints, initial keyf
 MuJoCo's own business.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
@@ -23,6 +24,7 @@ from sim.coupling.numbers import NUMERICS
 from sim.coupling.overlaps import Shape, notes_of_overlaps, united_shapes
 from sim.coupling.primitives import geom_hull
 from sim.coupling.sea_fields import sea_of
+from sim.coupling.settings import overrule
 from sim.hull import Hull
 from sim.methods import Method, Settings, make_method
 from sim.water.sea import Sea
@@ -56,9 +58,12 @@ def read_model(
     method: str | None = None,
     tolerance: float | None = None,
     pressure: str | None = None,
+    settings: Iterable[str] = (),
+    folder: Path = Path(),
 ) -> Floating:
     """The sea and the floating geoms of a compiled model; `method`, `tolerance` and `pressure`
-    overrule what it says, for all geoms. A method may name a pressure too: "patches/hydrostatic".
+    overrule what it says, for all geoms, `settings` (see `settings`) its fields. A method may name
+    a pressure too: "patches/hydrostatic". Files that it names are looked for in the folder.
 
     Raises ModelError, with all that is wrong, each with the element at fault and the remedy; warns
     by a Note of what is likely not meant.
@@ -68,8 +73,8 @@ def read_model(
         method, pressure = method.split("/", 1)
         method = method or None
     check_physics(model, faults)
-    parts = list(_parts(model, faults))
-    sea = sea_of(model, [(p.prefix, p.numerics, p.texts) for p in parts], pressure, faults)
+    parts = list(_parts(model, settings, faults))
+    sea = sea_of(model, [(p.prefix, p.numerics, p.texts) for p in parts], pressure, folder, faults)
     shapes = [shape for part in parts for shape in _shapes(model, part, method, faults, notes)]
     if all(part.numerics.get("buoyancy_union", [1.0])[0] for part in parts):
         shapes, counted = united_shapes(model, shapes)
@@ -77,11 +82,11 @@ def read_model(
     notes += notes_of_overlaps(model, shapes)
     floats = []
     if sea is not None:
-        settings = {}
+        made_settings = {}
         for part in parts:
             with faults.collected():
-                settings[part.prefix] = _read_settings(part.numerics, tolerance)
-        floats = list(_floats(model, sea, shapes, settings, faults))
+                made_settings[part.prefix] = _read_settings(part.numerics, tolerance)
+        floats = list(_floats(model, sea, shapes, made_settings, faults))
         if any(f.drag for f in floats):
             with faults.collected():
                 check_solver(model)
@@ -96,11 +101,14 @@ def read_model(
     return Floating(sea, tuple(floats), float(threads[0]))
 
 
-def _parts(model: mujoco.MjModel, faults: Faults) -> Iterator[Part]:
-    """The model itself and what was attached to it with a tuple of its own."""
+def _parts(model: mujoco.MjModel, settings: Iterable[str], faults: Faults) -> Iterator[Part]:
+    """The model itself, with what overrules its fields, and what was attached to it with a tuple of
+    its own."""
     parts = []
     for prefix in prefixes(model):
         numerics, texts = numerics_of(model, prefix, faults), texts_of(model, prefix, faults)
+        if not prefix:
+            overrule(settings, numerics, texts, faults)
         part = Part(prefix, numerics, texts, listed_geoms(model, prefix, faults))
         if part.listed or prefix or numerics or texts:
             parts.append(part)

@@ -22,8 +22,8 @@ MOST_THREADS = 1024
 
 @dataclass(frozen=True)
 class Number:
-    """One number of a custom numeric: what it is, its unit, and which values it may have, from
-    `least`, or above it, to `most`."""
+    """One number of a custom numeric: what it is, its unit, which values it may have, from `least`,
+    or above it, to `most`, and what holds where it is left out."""
 
     name: str
     unit: str = ""
@@ -31,6 +31,7 @@ class Number:
     most: float = LARGEST
     is_above: bool = False
     is_whole: bool = False
+    default: float = 0.0
 
     @property
     def expected(self) -> str:
@@ -86,6 +87,10 @@ class NumericKind:
             f"has {count} number{'s' * (count != 1)}; expected {expected}: {self.meaning}"
         )
 
+    def filled(self, values: Sequence[float]) -> list[float]:
+        """The numbers with those that were left out."""
+        return [*map(float, values), *(n.default for n in self.numbers[len(values) :])]
+
     def check(self, values: Sequence[float]) -> None:
         """Raises ValueError for numbers that cannot be."""
         for number, value in zip(cycle(self.numbers), values, strict=False):
@@ -97,9 +102,18 @@ def _kind(*numbers: Number, **options: object) -> NumericKind:
 
 
 _HEADING = Number("heading", "deg")
+_HEIGHT = Number("significant height", "m", 0.0, 1e3, is_above=True)
+_PERIOD = Number("peak period", "s", 0.0, 1e3, is_above=True)
+_SEA = (
+    _HEADING,
+    Number("spread", "deg", 0.0, np.degrees(0.999 * WIDEST_SPREAD), default=25.0),
+    Number("number of waves", "", 1, MOST_WAVES, is_whole=True, default=40),
+    Number("seed", "", 0, MOST_SEED, is_whole=True),
+)
+"""What all irregular seas may have behind their shape."""
 
 WAVE = _kind(
-    Number("wave amplitude", "m", 0.0, 1e4),
+    Number("amplitude", "m", 0.0, 1e4),
     Number("wavelength", "m", 0.0, 1e6, is_above=True),
     _HEADING,
     Number("phase", "deg"),
@@ -119,14 +133,27 @@ NUMERICS = {
     ),
     "water_ramp": _kind(Number("water ramp", "s", 0.0, 1e6)),
     "sea_jonswap": _kind(
-        Number("significant height", "m", 0.0, 1e3, is_above=True),
-        Number("peak period", "s", 0.0, 1e3, is_above=True),
-        Number("peak enhancement gamma", "", 1.0, 100.0),
+        _HEIGHT, _PERIOD, Number("gamma", "", 1.0, 100.0, default=3.3), *_SEA, needed=2
+    ),
+    "sea_bretschneider": _kind(_HEIGHT, _PERIOD, *_SEA, needed=2),
+    "sea_pierson_moskowitz": _kind(_HEIGHT, *_SEA, needed=1),
+    "sea_ochi_hubble": _kind(
+        Number("swell height", "m", 0.0, 1e3, is_above=True),
+        Number("swell period", "s", 0.0, 1e3, is_above=True),
+        Number("swell sharpness", "", 0.5, 30.0),
+        Number("wind sea height", "m", 0.0, 1e3, is_above=True),
+        Number("wind sea period", "s", 0.0, 1e3, is_above=True),
+        Number("wind sea sharpness", "", 0.5, 30.0),
+        *_SEA,
+        needed=6,
+    ),
+    "sea_record": _kind(
         _HEADING,
-        Number("spread of the headings", "deg", 0.0, np.degrees(0.999 * WIDEST_SPREAD)),
-        Number("number of waves", "", 1, MOST_WAVES, is_whole=True),
-        Number("seed", "", 0, MOST_SEED, is_whole=True),
-        needed=2,
+        Number("shortest period", "s", 0.0, 1e3, is_above=True, default=1.0),
+        Number("longest period", "s", 0.0, 1e6, is_above=True, default=60.0),
+        Number("x", "m"),
+        Number("y", "m"),
+        needed=1,
     ),
     "buoyancy_tolerance": _kind(
         Number("buoyancy tolerance", "m of water height", 0.0, 1e6, is_above=True)

@@ -1,5 +1,6 @@
 """Scene: an MJCF file as something that can be stepped: model, data and buoyancy."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,10 +30,14 @@ class Scene:
         timestep: float | None = None,
         threads: int | None = None,
         pressure: str | None = None,
+        settings: Iterable[str] = (),
+        keyframe: str | None = None,
     ) -> "Scene":
-        """Compile an MJCF file and put it into its first keyframe, if it has one.
+        """Compile an MJCF file and put it into a keyframe, by its name, or the first one, if it has
+        one.
 
-        method, tolerance, timestep [s], threads and pressure overrule what the file says. Raises
+        method, tolerance, timestep [s], threads and pressure overrule what the file says, settings
+        its custom fields ("wave_swell=0.2 4 0 0", see `settings`). Raises
         FileNotFoundError, or ModelError with all that is wrong with the file; warns by a Note of
         what is likely not meant, and of bodies that will not stay as they start.
         """
@@ -49,7 +54,10 @@ class Scene:
             reason = " ".join(str(error).split())  # MuJoCo's message has several lines
             raise ValueError(f"{path}: MuJoCo cannot compile it: {reason}") from None
         try:
-            return cls.from_model(model, path.stem, method, tolerance, timestep, threads, pressure)
+            return cls.from_model(
+                model, path.stem, method, tolerance, timestep, threads, pressure, settings,
+                keyframe, path.parent,
+            )  # fmt: skip
         except ModelError as error:
             raise error.located(str(path)) from None
         except ValueError as error:
@@ -65,17 +73,24 @@ class Scene:
         timestep: float | None = None,
         threads: int | None = None,
         pressure: str | None = None,
+        settings: Iterable[str] = (),
+        keyframe: str | None = None,
+        folder: str | Path = "",
     ) -> "Scene":
-        """The same for a model that is compiled already; `timestep` is written into it."""
+        """The same for a model that is compiled already; `timestep` is written into it. Files that
+        its fields name are looked for in the folder."""
         if timestep is not None:
             if not (np.isfinite(timestep) and timestep > 0):
                 raise ValueError(f"the timestep is {timestep} s; it must be finite and above 0")
             model.opt.timestep = timestep
-        buoyancy = Buoyancy.from_model(model, method, tolerance, threads, pressure)
+        key = _keyframe(model, keyframe)
+        buoyancy = Buoyancy.from_model(
+            model, method, tolerance, threads, pressure, settings, folder
+        )
         data = mujoco.MjData(model)
-        if model.nkey:
-            mujoco.mj_resetDataKeyframe(model, data, 0)
-            _check_finite(model, data)
+        if key >= 0:
+            mujoco.mj_resetDataKeyframe(model, data, key)
+            _check_finite(model, data, key)
         mujoco.mj_forward(model, data)
         scene = cls(name, model, data, buoyancy)
         say(notes_about_start(scene))
@@ -90,9 +105,20 @@ class Scene:
         self.buoyancy.reset_clock()
 
 
-def _check_finite(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Refuse a first keyframe with numbers that are not finite: MuJoCo would take others."""
-    name = model.key(0).name
+def _keyframe(model: mujoco.MjModel, name: str | None) -> int:
+    """The keyframe of a name, or the first; -1 where there is none. Raises ModelError."""
+    if name is None:
+        return 0 if model.nkey else -1
+    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, name)
+    if key < 0:
+        known = ", ".join(f"'{model.key(i).name}'" for i in range(model.nkey)) or "none"
+        raise ModelError([f"there is no keyframe '{name}'; the scene has {known}"])
+    return key
+
+
+def _check_finite(model: mujoco.MjModel, data: mujoco.MjData, key: int) -> None:
+    """Refuse a keyframe with numbers that are not finite: MuJoCo would take others."""
+    name = model.key(key).name
     for what in ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
         if not np.isfinite(getattr(data, what)).all():
             raise ModelError(

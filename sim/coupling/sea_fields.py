@@ -1,19 +1,30 @@
 """Sea fields: the water that a model's custom fields describe."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coupling.custom_fields import IRREGULAR_SEA, PRESSURE
+from sim.coupling.custom_fields import COMPONENTS, PRESSURE, RECORD
 from sim.coupling.faults import Faults
+from sim.coupling.numbers import NUMERICS, WAVE, NumericKind
+from sim.water.measured import read_components, read_record
 from sim.water.sea import DEFAULT_PRESSURE, Sea
-from sim.water.spectrum import jonswap
+from sim.water.spectrum import bretschneider, jonswap, ochi_hubble, pierson_moskowitz
 from sim.water.wave import Wave
 
 Numerics = Mapping[str, NDArray[np.float64]]
 Texts = Mapping[str, str]
+
+SPECTRA = {
+    "sea_jonswap": jonswap,
+    "sea_bretschneider": bretschneider,
+    "sea_pierson_moskowitz": pierson_moskowitz,
+    "sea_ochi_hubble": ochi_hubble,
+}
+"""Custom numerics of irregular seas, whose numbers these take, and a gravity."""
 
 SEA_WATER_DENSITY = 1025.0  # kg/m^3, at 15 degrees C and 35 g/kg of salt
 
@@ -25,17 +36,19 @@ def sea_of(
     model: mujoco.MjModel,
     parts: Sequence[tuple[str, Numerics, Texts]],
     pressure: str | None,
+    folder: Path,
     faults: Faults,
 ) -> Sea | None:
     """The sea of a model of several parts, each with its prefix: the one that all of those have
-    which say anything about the water; None where there is a fault. pressure overrules them."""
+    which say anything about the water; None where there is a fault. pressure overrules them; files
+    lie in the folder."""
     found: dict[str, Sea] = {}
     for prefix, numerics, texts in parts:
         says = any(name.startswith(WATERS) for name in (*numerics, *texts))
         if says or len(parts) == 1:
             with faults.collected():
                 asked = pressure or texts.get(PRESSURE, DEFAULT_PRESSURE)
-                found[prefix] = _read_sea(model, numerics, asked, faults)
+                found[prefix] = _read_sea(model, numerics, texts, asked, folder, faults)
     if not found and not faults.found:
         return Sea(
             (), SEA_WATER_DENSITY, -float(model.opt.gravity[2]), 0.0, pressure or DEFAULT_PRESSURE
@@ -56,24 +69,58 @@ def _whose(prefix: str) -> str:
     return f"what was attached as '{prefix}'" if prefix else "the model itself"
 
 
-def _read_sea(model: mujoco.MjModel, numerics: Numerics, pressure: str, faults: Faults) -> Sea:
+def _read_sea(
+    model: mujoco.MjModel,
+    numerics: Numerics,
+    texts: Texts,
+    pressure: str,
+    folder: Path,
+    faults: Faults,
+) -> Sea:
     gravity = abs(float(model.opt.gravity[2])) or 9.81  # else a fault of its own
     waves: list[Wave] = []
-    irregular: list[Wave] = []
     for name, values in numerics.items():
         with faults.collected():
             try:
-                if name == IRREGULAR_SEA:
-                    heading_and_spread = np.radians(values[3:5])
-                    shape = [*values[:3], *heading_and_spread, *values[5:]]
-                    irregular = list(jonswap(*map(float, shape), gravity=gravity))
+                if name in SPECTRA:
+                    waves += SPECTRA[name](*_in_radians(NUMERICS[name], values), gravity=gravity)
                 elif name.startswith("wave_"):
-                    waves.append(Wave(*values[:2], *np.radians(values[2:])))
+                    waves.append(Wave(*_in_radians(WAVE, values)))
             except ValueError as error:
                 raise ValueError(f"custom numeric '{name}': {error}") from None
+    with faults.collected():
+        waves += _from_files(numerics, texts, gravity, folder)
     density = float(numerics.get("water_density", [SEA_WATER_DENSITY])[0])
     levels = numerics.get("water_level", [0.0])
     level, tide = (float(levels[0]), ()) if len(levels) == 1 else (0.0, np.reshape(levels, (-1, 2)))
     current = numerics.get("water_current", (0.0, 0.0))
     ramp = float(numerics.get("water_ramp", [0.0])[0])
-    return Sea([*waves, *irregular], density, gravity, level, pressure, current, ramp, tide)
+    return Sea(waves, density, gravity, level, pressure, current, ramp, tide)
+
+
+def _from_files(numerics: Numerics, texts: Texts, gravity: float, folder: Path) -> list[Wave]:
+    """Waves of the files that texts name, which lie in a folder."""
+    waves: list[Wave] = []
+    name = ""
+    try:
+        for name in (COMPONENTS, RECORD):
+            if name == COMPONENTS and name in texts:
+                waves += read_components(folder / texts[name], gravity)
+            elif name in texts:
+                numbers = _in_radians(NUMERICS[RECORD], numerics.get(RECORD, [0.0]))
+                heading, shortest, longest, *place = numbers
+                path = folder / texts[name]
+                waves += read_record(path, gravity, heading, (shortest, longest), tuple(place))
+    except (ValueError, OSError) as error:
+        raise ValueError(f"custom text '{name}': {error}") from None
+    if RECORD in numerics and RECORD not in texts:
+        raise ValueError(f"custom numeric '{RECORD}' goes with a text of that name; add it")
+    return waves
+
+
+def _in_radians(kind: NumericKind, values: NDArray[np.float64]) -> list[float]:
+    """All the numbers of a custom numeric, those in degrees in radians."""
+    return [
+        float(np.radians(value)) if number.unit == "deg" else value
+        for number, value in zip(kind.numbers, kind.filled(values), strict=True)
+    ]

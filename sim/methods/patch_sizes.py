@@ -22,10 +22,11 @@ from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
-OF_LENGTH, OF_DEPTH = 1.0 / 400.0, 1.0 / 100.0
+OF_LENGTH, OF_DEPTH = 1.0 / 400.0, 1.0 / 30.0
 """The default tolerance, over the longest side of the hull and over its volume by the largest area
 that it shows along an axis, whichever is less. A head that was off by it everywhere would change
-the force by OF_DEPTH of the displaced water's weight; errors of patches differ and cancel."""
+the force by OF_DEPTH of the displaced water's weight; errors within a patch and of several cancel,
+so 1e-3 of it is left at most, of many patches a tenth of that (`speed_vs_error.py --random`)."""
 
 MOST_PATCHES, MOST_TRIANGLES = 4_000, 40_000
 """Of a hull at the default tolerance; triangles besides twice its own. It is then cut within a

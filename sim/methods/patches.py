@@ -106,7 +106,7 @@ class Patches(Compiled):
     """Wrench of a hull in a sea from jets over patches.
 
     tolerance [m of water height]: the head inside a patch is right to it, everywhere in the water
-    and always; None for the default, which leaves an error of less than 5e-4 of the displaced
+    and always; None for the default, which leaves an error of less than 1e-3 of the displaced
     water's weight in the force, or for what can be kept of it (see `patch_sizes`). Raises
     ValueError for a tolerance that is not positive or asks for too many patches.
 

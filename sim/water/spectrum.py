@@ -1,4 +1,4 @@
-"""Spectrum: the JONSWAP spectrum of a wind sea, and waves that have its energy.
+"""Spectrum: spectra of irregular seas, and waves that have their energy.
 
 With peak angular frequency p, x = omega / p and significant height H the density of
 the elevation's variance is
@@ -6,13 +6,19 @@ the elevation's variance is
     S(omega) = (H^2 / 16) / p * shape(x) / integral of shape,
     shape(x) = x^-5 exp(-5/4 x^-4) gamma^exp(-(x - 1)^2 / (2 s^2)),
 
-where s is 0.07 below the peak and 0.09 above.
+where s is 0.07 below the peak and 0.09 above. That is JONSWAP's; with gamma 1 it is that of Pierson
+and Moskowitz, of a fully developed sea, which Bretschneider and the ISSC take with any height and
+period. Ochi and Hubble's has a swell beside a wind sea, each with a height, a period and a
+sharpness q:
+
+    S(omega) ~ sum of H^2 x^-(4q + 1) exp(-(q + 1/4) x^-4), each with the variance H^2 / 16.
 
 The integral is computed, not taken from the usual fit 1 - 0.287 ln(gamma), so that the
 zeroth moment is H^2 / 16 for any gamma. Headings spread as cos^2q of half their angle from the mean
 one, whose standard deviation is sqrt(2 / (1 + q)).
 
-Sources: Hasselmann et al. 1973 (JONSWAP); DNV-RP-C205, section 3.5, for the form above;
+Sources: Hasselmann et al. 1973 (JONSWAP); DNV-RP-C205, section 3.5, for the form above; Pierson and
+Moskowitz 1964; Bretschneider 1959; Ochi and Hubble 1976;
 Longuet-Higgins, Cartwright and Smith 1963 and Mitsuyasu et al. 1975 for the spreading.
 """
 
@@ -49,15 +55,101 @@ def jonswap(
     gravity: float = 9.81,
 ) -> tuple[Wave, ...]:
     """The waves of `Sea.jonswap`, in water of a gravity [m/s^2]. Raises ValueError."""
-    _check_jonswap(significant_height, peak_period, gamma, heading, spread, waves, seed)
-    rng = np.random.default_rng(int(seed))
-    count = int(waves)
-    frequencies = equal_energy_frequencies(peak_period, gamma, count)
+    _check_height(significant_height, peak_period)
+    if not (np.isfinite(gamma) and gamma >= 1.0):
+        raise ValueError(f"gamma is {gamma}; it must be finite and 1 or more (3.3 is usual)")
+    shape = _shape(FREQUENCIES, gamma)
+    scale = 2.0 * np.pi / peak_period
+    return _waves_of(
+        FREQUENCIES * scale, shape, significant_height, heading, spread, waves, seed, gravity
+    )
+
+
+def bretschneider(
+    significant_height: float,
+    peak_period: float,
+    heading: float = 0.0,
+    spread: float = DEFAULT_SPREAD,
+    waves: int = 40,
+    seed: int = 0,
+    gravity: float = 9.81,
+) -> tuple[Wave, ...]:
+    """Waves of a sea of any height [m] and peak period [s] without enhancement, which the ISSC
+    takes; the other numbers as in `Sea.jonswap`. Raises ValueError."""
+    return jonswap(significant_height, peak_period, 1.0, heading, spread, waves, seed, gravity)
+
+
+def pierson_moskowitz(
+    significant_height: float,
+    heading: float = 0.0,
+    spread: float = DEFAULT_SPREAD,
+    waves: int = 40,
+    seed: int = 0,
+    gravity: float = 9.81,
+) -> tuple[Wave, ...]:
+    """The same of the fully developed sea that is so high [m]. Its peak is at 0.877 g / U rad/s
+    and its height 0.2092 U^2 / g, U being the wind 19.5 m up. Raises ValueError."""
+    _check_height(significant_height, 1.0)
+    wind = np.sqrt(significant_height * gravity / 0.2092)
+    period = float(2.0 * np.pi * wind / (0.877 * gravity))
+    return bretschneider(significant_height, period, heading, spread, waves, seed, gravity)
+
+
+def ochi_hubble(
+    swell_height: float,
+    swell_period: float,
+    swell_sharpness: float,
+    wind_sea_height: float,
+    wind_sea_period: float,
+    wind_sea_sharpness: float,
+    heading: float = 0.0,
+    spread: float = DEFAULT_SPREAD,
+    waves: int = 40,
+    seed: int = 0,
+    gravity: float = 9.81,
+) -> tuple[Wave, ...]:
+    """Waves of a sea with two peaks, each given by its significant height [m], peak period [s] and
+    sharpness (1 is Pierson and Moskowitz', more is narrower). Raises ValueError."""
+    parts = (
+        (swell_height, swell_period, swell_sharpness),
+        (wind_sea_height, wind_sea_period, wind_sea_sharpness),
+    )
+    for height, period, sharpness in parts:
+        _check_height(height, period)
+        if not 0.5 <= sharpness <= 30.0:
+            raise ValueError(f"the sharpness of a peak is {sharpness}; it must be 0.5 to 30")
+    peaks = [2.0 * np.pi / period for _, period, _ in parts]
+    frequencies = np.geomspace(FREQUENCIES[0] * min(peaks), FREQUENCIES[-1] * max(peaks), 40_001)
+    density = np.zeros_like(frequencies)
+    for (height, _, sharpness), peak in zip(parts, peaks, strict=True):
+        x = frequencies / peak
+        part = x ** -(4.0 * sharpness + 1.0) * np.exp(-(sharpness + 0.25) * (x**-4.0 - 1.0))
+        density += height**2 * part / np.trapezoid(part, frequencies)
+    height = float(np.hypot(swell_height, wind_sea_height))
+    return _waves_of(frequencies, density, height, heading, spread, waves, seed, gravity)
+
+
+def _waves_of(
+    frequencies: Array,
+    density: Array,
+    height: float,
+    heading: float,
+    spread: float,
+    waves: int,
+    seed: int,
+    gravity: float,
+) -> tuple[Wave, ...]:
+    """Waves of equal amplitudes for a density of variance, up to a factor, at frequencies (N,)
+    [rad/s], with a significant height [m]. Raises ValueError."""
+    _check_directions(heading, spread)
+    _check_counts(waves, seed)
+    rng, count = np.random.default_rng(int(seed)), int(waves)
+    chosen = equal_energy_frequencies(frequencies, density, count)
     headings = heading + rng.permutation(equal_share_angles(spread, count))
     phases = rng.uniform(0.0, 2.0 * np.pi, count)
-    amplitude = significant_height * np.sqrt(1.0 / (8.0 * count))
-    lengths = 2.0 * np.pi * gravity / frequencies**2
-    _check_folding(2.0 * np.pi / lengths * amplitude, significant_height, peak_period)
+    amplitude = height * np.sqrt(1.0 / (8.0 * count))
+    lengths = 2.0 * np.pi * gravity / chosen**2
+    _check_folding(2.0 * np.pi / lengths * amplitude, height)
     return tuple(Wave(amplitude, *w) for w in zip(lengths, headings, phases, strict=True))
 
 
@@ -67,15 +159,14 @@ def _shape(x: Array, gamma: float) -> Array:
     return x**-5.0 * np.exp(-1.25 * x**-4.0) * peakedness
 
 
-def equal_energy_frequencies(period: float, gamma: float, count: int) -> Array:
+def equal_energy_frequencies(frequencies: Array, density: Array, count: int) -> Array:
     """Angular frequencies (N,) [rad/s], rising: the middles, by energy, of `count` bands of equal
     energy. They stand closest at the peak and in no ratio to one another, so a sum of such
     waves repeats itself only after a very long time."""
-    shape = _shape(FREQUENCIES, gamma)
-    steps = 0.5 * (shape[1:] + shape[:-1]) * np.diff(FREQUENCIES)
+    steps = 0.5 * (density[1:] + density[:-1]) * np.diff(frequencies)
     energy = np.concatenate([[0.0], np.cumsum(steps)])
     middles = (np.arange(count) + 0.5) / count
-    return np.interp(middles, energy / energy[-1], FREQUENCIES) * 2.0 * np.pi / period
+    return np.interp(middles, energy / energy[-1], frequencies)
 
 
 def equal_share_angles(spread: float, count: int) -> Array:
@@ -90,7 +181,7 @@ def equal_share_angles(spread: float, count: int) -> Array:
     return np.interp(middles, (shares - 0.5 * shares[0]) / shares[-1], angles)
 
 
-def _check_folding(parts: Array, height: float, period: float) -> None:
+def _check_folding(parts: Array, height: float) -> None:
     """Refuse waves of steepnesses (N,) that fold, with what would do. Raises ValueError."""
     steepness, count = steepness_of(parts), len(parts)
     if steepness < 1.0:
@@ -99,19 +190,18 @@ def _check_folding(parts: Array, height: float, period: float) -> None:
     raise ValueError(
         f"the waves of this sea fold: the sum of k a over {count} waves is {steepness:.3f}{met} "
         f"and must stay below 1; lower the significant height below {height / steepness:.3g} m, "
-        f"raise the peak period above {period * np.sqrt(steepness):.3g} s, or take some "
+        f"make the period {np.sqrt(steepness):.3g} times as long, or take some "
         f"{max(1, int(0.9 * count / parts.sum() ** 2))} waves"
     )
 
 
-def _check_jonswap(
-    height: float, period: float, gamma: float, heading: float, spread: float, waves: int, seed: int
-) -> None:
+def _check_height(height: float, period: float) -> None:
     for name, value, unit in (("significant height", height, "m"), ("peak period", period, "s")):
         if not (np.isfinite(value) and value > 0.0):
             raise ValueError(f"the {name} is {value} {unit}; it must be finite and above 0")
-    if not (np.isfinite(gamma) and gamma >= 1.0):
-        raise ValueError(f"gamma is {gamma}; it must be finite and 1 or more (3.3 is usual)")
+
+
+def _check_directions(heading: float, spread: float) -> None:
     if not np.isfinite(heading):
         raise ValueError(f"the heading is {heading}; it must be a finite number")
     if not 0.0 <= spread < WIDEST_SPREAD:
@@ -119,6 +209,9 @@ def _check_jonswap(
             f"the spread of the headings is {np.degrees(spread):g} degrees; it must be 0 or more "
             f"and below {np.degrees(WIDEST_SPREAD):.0f}"
         )
+
+
+def _check_counts(waves: int, seed: int) -> None:
     for name, value, least, most in (
         ("number of waves", waves, 1, MOST_WAVES), ("seed", seed, 0, MOST_SEED)
     ):  # fmt: skip

@@ -1,0 +1,176 @@
+"""Measured: seas from files: lists of components, and records of the elevation at a place.
+
+A list is a CSV file with a header: amplitude [m], wavelength [m] or period [s], heading [deg] and
+phase [deg], in any order; the last two may be missing. A record has time [s] and elevation [m].
+Units in brackets behind the names are read over.
+
+A record is cut into the components of its Fourier series. Their sum is only nearly the elevation at
+the place, where particles come and go, so what it misses is added to them until it is right: the
+sea gives back the record, without its mean, over its length, and repeats itself a little later.
+"""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.water.sea import Sea
+from sim.water.spectrum import MOST_WAVES
+from sim.water.wave import Wave
+
+Array = NDArray[np.float64]
+
+KEPT_ENERGY = 0.99995
+"""Of a record within its band: components with the rest of it, the smallest, are left out."""
+
+ROUNDS = 12
+"""Times that what the sea misses is added to the components; each leaves some k a of it."""
+
+COMPONENT_NAMES = ("amplitude", "wavelength", "period", "heading", "phase")
+
+
+def read_components(path: Path, gravity: float) -> tuple[Wave, ...]:
+    """Waves of a list of components, in water of a gravity [m/s^2]. Raises ValueError, OSError."""
+    table = read_table(path, COMPONENT_NAMES)
+    lengths = [name for name in ("wavelength", "period") if name in table]
+    if "amplitude" not in table or len(lengths) != 1:
+        raise ValueError(
+            f"{path} has the columns {', '.join(table)}; expected amplitude, wavelength or period, "
+            "and perhaps heading and phase"
+        )
+    count = len(table["amplitude"])
+    if count > MOST_WAVES:
+        raise ValueError(f"{path} has {count} components; at most {MOST_WAVES} can be")
+    sizes = table[lengths[0]]
+    if lengths[0] == "period":
+        sizes = gravity * sizes**2 / (2.0 * np.pi)
+    angles = [np.radians(table.get(name, np.zeros(count))) for name in ("heading", "phase")]
+    waves = []
+    for line, wave in enumerate(zip(table["amplitude"], sizes, *angles, strict=True), start=2):
+        try:
+            waves.append(Wave(*map(float, wave)))
+        except ValueError as error:
+            raise ValueError(f"{path}, line {line}: {error}") from None
+    return tuple(waves)
+
+
+def read_record(
+    path: Path,
+    gravity: float,
+    heading: float = 0.0,
+    periods: tuple[float, float] = (1.0, 60.0),
+    place: tuple[float, float] = (0.0, 0.0),
+) -> tuple[Wave, ...]:
+    """Waves of one heading [rad] whose elevation at a place (x, y) [m] is that of a record, without
+    its mean, within a band of periods [s]. Raises ValueError, OSError."""
+    table = read_table(path, ("time", "elevation"))
+    if set(table) != {"time", "elevation"}:
+        raise ValueError(f"{path} has the columns {', '.join(table)}; expected time and elevation")
+    times, elevations = table["time"], table["elevation"]
+    if len(times) < 8 or not (np.diff(times) > 0.0).all():
+        raise ValueError(f"{path}: expected 8 or more times that rise")
+    count = len(times)
+    even = np.linspace(times[0], times[-1] + (times[-1] - times[0]) / (count - 1), count, False)
+    wanted = np.interp(even, times, elevations)
+    bridged = _bridged(wanted - wanted.mean())
+    even = even[0] + (even[1] - even[0]) * np.arange(len(bridged))
+    series = _Series(even, gravity, heading, periods, place)
+    return series.waves_of(bridged, len(wanted), path)
+
+
+def _bridged(values: Array) -> Array:
+    """Values (N,) and a tenth more, which lead smoothly from the end to the beginning: a series
+    repeats itself, and a step there would ring all through it."""
+    count = max(len(values) // 10, 4)
+    onwards, before = values[-2 : -2 - count : -1], values[count:0:-1]
+    u = (np.arange(count) + 1.0) / (count + 1.0)
+    share = u * u * (3.0 - 2.0 * u)
+    return np.concatenate([values, (1.0 - share) * onwards + share * before])
+
+
+class _Series:
+    """Fourier components of a record at even times (N,) [s], as waves."""
+
+    def __init__(
+        self,
+        times: Array,
+        gravity: float,
+        heading: float,
+        periods: tuple[float, float],
+        place: tuple[float, float],
+    ) -> None:
+        self.times, self.gravity, self.heading, self.place = times, gravity, heading, place
+        step = times[1] - times[0]
+        self.omega = 2.0 * np.pi * np.fft.rfftfreq(len(times), step)
+        low, high = (2.0 * np.pi / period for period in reversed(periods))
+        self.is_in_band = (self.omega >= low) & (self.omega <= high) & (self.omega > 0.0)
+
+    def waves_of(self, wanted: Array, count: int, path: Path) -> tuple[Wave, ...]:
+        """Waves whose elevation at the place is what is wanted (N,) [m] at the first `count` times;
+        behind them it may be anything."""
+        parts = np.where(self.is_in_band, np.fft.rfft(wanted), 0.0)
+        self._keep_largest(parts)
+        if not self.is_in_band.any() or np.count_nonzero(self.is_in_band) > MOST_WAVES:
+            raise ValueError(
+                f"{path}: {np.count_nonzero(self.is_in_band)} components lie within the band; "
+                f"expected 1 to {MOST_WAVES}: change its periods"
+            )
+        parts[~self.is_in_band] = 0.0
+        for _ in range(ROUNDS):
+            sea = Sea(self._waves(parts), gravity=self.gravity)
+            found = sea.elevation(*self.place, self.times)
+            missed = wanted - (found - found[:count].mean())
+            missed[count:] = 0.0
+            parts[self.is_in_band] += np.fft.rfft(missed)[self.is_in_band]
+        return self._waves(parts)
+
+    def _keep_largest(self, parts: Array) -> None:
+        """Leave only the components in the band that have KEPT_ENERGY of it."""
+        energy = np.abs(parts) ** 2
+        order = np.argsort(-energy, kind="stable")
+        before = np.concatenate([[0.0], np.cumsum(energy[order])[:-1]])
+        self.is_in_band[order[before >= KEPT_ENERGY * energy.sum()]] = False
+
+    def _waves(self, parts: Array) -> tuple[Wave, ...]:
+        """One part's cosine of omega t + angle is a wave's sine of the phase that it has there."""
+        chosen = np.flatnonzero(self.is_in_band)
+        omega, part = self.omega[chosen], parts[chosen]
+        wavenumbers = omega**2 / self.gravity
+        along = self.place[0] * np.cos(self.heading) + self.place[1] * np.sin(self.heading)
+        phases = 0.5 * np.pi - np.angle(part) + omega * self.times[0] - wavenumbers * along
+        amplitudes = 2.0 * np.abs(part) / len(self.times)
+        return tuple(
+            Wave(float(a), float(2.0 * np.pi / k), self.heading, float(p % (2.0 * np.pi)))
+            for a, k, p in zip(amplitudes, wavenumbers, phases, strict=True)
+        )
+
+
+def read_table(path: Path, known: Sequence[str]) -> dict[str, Array]:
+    """Columns of a CSV file with a header of known names, behind which units may stand. Raises
+    ValueError, OSError."""
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no file {path}")
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
+    except UnicodeDecodeError:
+        raise ValueError(f"{path} is no text; expected a CSV file with a header") from None
+    names = [cell.split("[")[0].split("(")[0].strip().lower() for cell in rows[0]] if rows else []
+    unknown = [name for name in names if name not in known]
+    if unknown or len(set(names)) < len(names) or len(rows) < 2:
+        raise ValueError(
+            f"{path} begins with '{','.join(rows[0])[:60] if rows else ''}'; expected a line with "
+            f"the names of its columns, of {', '.join(known)}, each once, and lines of numbers"
+        )
+    columns: list[list[float]] = []
+    for line, row in enumerate(rows[1:], start=2):
+        try:
+            values = [float(cell) for cell in row]
+        except ValueError:
+            values = []
+        if len(values) != len(names) or not np.isfinite(values).all():
+            raise ValueError(f"{path}, line {line}: expected {len(names)} finite numbers")
+        columns.append(values)
+    return dict(zip(names, np.transpose(columns), strict=True))

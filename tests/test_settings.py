@@ -1,0 +1,177 @@
+"""Settings that overrule a scene's fields, and seas that lie in files."""
+
+import numpy as np
+import pytest
+from scenes import CUBE, WAVES, model, xml
+
+from independent import status_of
+from sim import Buoyancy, ModelError, Scene, Sea, Wave
+from sim.coupling.files import model_files
+from sim.water.spectrum import bretschneider, ochi_hubble, pierson_moskowitz
+
+JONSWAP = '<numeric name="sea_jonswap" data="0.3 3 3.3 10"/>'
+
+
+def sea_with(*settings: str, custom: str = WAVES) -> Sea:
+    return Buoyancy.from_model(model(custom=custom), settings=settings).sea
+
+
+def test_settings_overrule_numbers_parts_of_them_and_texts():
+    assert sea_with("wave_swell=0.2 8 0 90").waves[0] == Wave(0.2, 8.0, 0.0, np.pi / 2.0)
+    swell = sea_with("wave_swell.amplitude=0.05", "wave_swell.phase=90").waves[0]
+    assert swell == Wave(0.05, 4.0, 0.0, np.pi / 2.0)
+    assert sea_with("water_density=1000").density == 1000.0
+    assert sea_with("water_current=0.5 0").current == (0.5, 0.0, 0.0)
+    assert sea_with("water_pressure=hydrostatic").pressure == "hydrostatic"
+    assert len(sea_with("wave_new=0.01 1 0 0").waves) == 4
+    floats = Buoyancy.from_model(model(), settings=["buoyancy_method_cube=linear"]).floats
+    assert type(floats[0].method).__name__ == "Linear"
+
+
+def test_a_seed_is_that_of_the_irregular_sea():
+    expected = Sea.jonswap(0.3, 3.0, 3.3, np.radians(10.0), seed=7).waves
+    assert sea_with("seed=7", custom=JONSWAP).waves == expected
+    assert sea_with("sea_jonswap.seed=7", custom=JONSWAP).waves == expected
+    longer = sea_with("sea_jonswap.peak_period=4", custom=JONSWAP).waves
+    assert longer == Sea.jonswap(0.3, 4.0, 3.3, np.radians(10.0)).waves
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("wave_swell", "expected NAME=VALUE"),
+        ("=1", "expected NAME=VALUE"),
+        ("water_densty=1000", "unknown; expected water_density"),
+        ("water_density=heavy", "'heavy' is not a row of numbers"),
+        ("wave_swell=1 2", "has 2 numbers; expected 4"),
+        ("wave_swell.height=1", "has the parts amplitude, wavelength, heading, phase"),
+        ("wave_nobody.amplitude=1", "the scene has no numeric 'wave_nobody'; it has water_density"),
+        ("wave_swell.wavelength=-1", "the wavelength is -1 m; it must be above 0"),
+        ("seed=3", "the scene has no irregular sea"),
+        ("drag_ball=1 1 1", "names no geom of the tuple 'buoyant'"),
+        ("buoyancy_method=magic", "'magic' is no method"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(setting, message):
+    with pytest.raises(ModelError) as caught:
+        sea_with(setting)
+    assert message in str(caught.value)
+    assert len(caught.value.faults) == 1
+
+
+def test_the_command_line_has_settings_keyframes_and_seeds(tmp_path, capsys):
+    keys = '<keyframe><key name="low" qpos="0 0 0 1 0 0 0"/>'
+    keys += '<key name="high" qpos="0 0 2 1 0 0 0"/></keyframe>'
+    path = tmp_path / "s.xml"
+    path.write_text(xml(CUBE, custom=JONSWAP, extra=keys))
+    scene = Scene.load(path, keyframe="high", settings=["seed=2", "drag=0.2 1 0"])
+    assert scene.data.qpos[2] == 2.0
+    assert scene.buoyancy.has_resistance
+    short = ("--duration", "0.1", "--quiet")
+    options = ("--set", "drag=0.2 1 0", "--set", "water_level=0.1", "--keyframe", "high")
+    assert status_of("run.py", path, "--no-record", *short, *options, "--seed", "3") == 0
+    assert status_of("run.py", path, "--no-record", *short, "--keyframe", "up") == 2
+    assert "there is no keyframe 'up'; the scene has 'low', 'high'" in capsys.readouterr().err
+
+
+def moments(waves) -> tuple[float, float, float]:
+    """m0, m2 and m4 of waves by their frequencies."""
+    energy = 0.5 * np.array([w.amplitude for w in waves]) ** 2
+    omega = np.sqrt(9.81 * np.array([w.wavenumber for w in waves]))
+    return tuple(float(energy @ omega**n) for n in (0, 2, 4))
+
+
+def test_moments_of_bretschneiders_spectrum_are_the_closed_ones():
+    """m0 = H^2 / 16; the mean period by m2 is Tp times (4 / 5 / pi)^(1/4) ..., 0.7104."""
+    m0, m2, _ = moments(bretschneider(2.0, 10.0, waves=4000))
+    assert m0 == pytest.approx(0.25, rel=1e-9)
+    upcrossing = 2.0 * np.pi * np.sqrt(m0 / m2)
+    expected = 10.0 * (5.0 / (4.0 * np.pi)) ** 0.25 * 0.8944  # (4/5)^(1/2)
+    assert expected == pytest.approx(7.104, abs=0.01)
+    assert upcrossing == pytest.approx(expected, rel=0.01)  # bands end at their middles
+
+
+def test_pierson_and_moskowitz_sea_has_the_wind_s_height_and_period():
+    """At 19.5 m up 10 m/s: 2.13 m and 7.3 s."""
+    waves = pierson_moskowitz(0.2092 * 100.0 / 9.81, waves=2000)
+    m0, m2, _ = moments(waves)
+    assert 4.0 * np.sqrt(m0) == pytest.approx(2.1325, rel=1e-3)
+    assert 2.0 * np.pi * np.sqrt(m0 / m2) == pytest.approx(0.7104 * 7.304, rel=0.01)
+
+
+def test_a_sea_with_two_peaks_is_the_sum_of_them():
+    both = ochi_hubble(0.5, 14.0, 4.0, 1.0, 6.0, 1.0, waves=2000)
+    m0, m2, _ = moments(both)
+    assert 4.0 * np.sqrt(m0) == pytest.approx(np.hypot(0.5, 1.0), rel=1e-9)
+    wind = moments(ochi_hubble(1e-6, 14.0, 4.0, 1.0, 6.0, 1.0, waves=2000))
+    swell = moments(ochi_hubble(0.5, 14.0, 4.0, 1e-6, 6.0, 1.0, waves=2000))
+    assert m2 == pytest.approx(wind[1] + swell[1], rel=0.02)  # bands end at their middles
+    plain = moments(bretschneider(1.0, 6.0, waves=2000))
+    np.testing.assert_allclose(wind[:2], plain[:2], rtol=0.01)  # a sharpness of 1
+    periods = 2.0 * np.pi / np.sqrt(9.81 * np.array([w.wavenumber for w in both]))
+    near = [np.count_nonzero(np.abs(periods / p - 1.0) < 0.05) for p in (14.0, 9.0, 6.0)]
+    assert near[0] > near[1] < near[2]
+
+
+def scene_with(folder, custom: str):
+    path = folder / "s.xml"
+    path.write_text(xml(CUBE, custom=custom))
+    return path
+
+
+def test_components_lie_in_a_file_beside_the_scene(tmp_path):
+    table = "heading [deg], Amplitude (m), period [s]\n90, 0.1, 2.0\n0, 0.05, 3.0\n"
+    (tmp_path / "sea.csv").write_text(table)
+    path = scene_with(tmp_path, '<text name="sea_components" data="sea.csv"/>')
+    sea = Scene.load(path).buoyancy.sea
+    lengths = [9.81 * 4.0 / (2.0 * np.pi), 9.81 * 9.0 / (2.0 * np.pi)]
+    assert [w.amplitude for w in sea.waves] == [0.1, 0.05]
+    np.testing.assert_allclose([w.wavelength for w in sea.waves], lengths)
+    assert sea.waves[0].heading == pytest.approx(np.pi / 2.0)
+    assert tmp_path / "sea.csv" in model_files(path)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (3.0, -2.0)])
+def test_a_sea_gives_back_the_record_that_it_was_made_of(place, tmp_path):
+    """Of a wind sea, steep enough for particles to move a good part of a wave's length."""
+    truth = Sea.jonswap(0.5, 4.0, spread=0.0, heading=0.4, waves=60, seed=3)
+    times = np.arange(0.0, 300.0, 0.2)
+    record = truth.elevation(*place, times)
+    rows = "\n".join(f"{t:.3f},{e:.6f}" for t, e in zip(times, record, strict=True))
+    (tmp_path / "record.csv").write_text("time [s],elevation [m]\n" + rows)
+    x, y = place
+    path = scene_with(
+        tmp_path,
+        '<text name="sea_record" data="record.csv"/>'
+        f'<numeric name="sea_record" data="22.918312 1 60 {x} {y}"/>',
+    )
+    sea = Scene.load(path, method="linear").buoyancy.sea
+    found = sea.elevation(*place, times)
+    missed = (found - found.mean()) - (record - record.mean())
+    assert np.sqrt(np.mean(missed**2)) < 0.02 * record.std()
+    assert {round(w.heading, 6) for w in sea.waves} == {0.4}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("sea_components", None, "there is no file"),
+        ("sea_components", "", "expected a line with the names of its columns"),
+        ("sea_components", "amplitude,depth\n1,2\n", "begins with 'amplitude,depth'; expected"),
+        ("sea_components", "amplitude\n1\n", "has the columns amplitude; expected amplitude, wave"),
+        ("sea_components", "amplitude,period\n0.1\n", "line 2: expected 2 finite numbers"),
+        ("sea_components", "amplitude,period\n0.1,x\n", "line 2: expected 2 finite numbers"),
+        ("sea_components", "amplitude,wavelength\n0.1,9\n-1,9\n", "line 3: wave amplitude is -1"),
+        ("sea_components", "amplitude,wavelength\n2,3\n", "the waves fold"),
+        ("sea_record", "time,elevation\n0,1\n1,2\n", "expected 8 or more times that rise"),
+        ("sea_record", "time,height\n0,1\n1,2\n", "expected a line with the names"),
+    ],
+)
+def test_files_that_cannot_be_followed_are_refused(name, text, message, tmp_path, capsys):
+    if text is not None:
+        (tmp_path / "sea.csv").write_text(text)
+    path = scene_with(tmp_path, f'<text name="{name}" data="sea.csv"/>')
+    assert status_of("run.py", path, "--no-record", "--duration", "0.1") == 2
+    told = capsys.readouterr().err
+    assert message in told
+    assert told.count("\n") == 1
