@@ -43,14 +43,16 @@ import numpy as np
 from sim import Sample, Scene, SideBySideRecorder, simulate
 from sim.coupling.files import model_files
 from sim.coupling.simulation import check_run
-from sim.measure.statistics import FEWEST_BATCHES, mean_of_correlated, mean_of_runs
+from sim.measure.statistics import (
+    FEWEST_BATCHES,
+    mean_of_correlated,
+    mean_of_runs,
+    start_times,
+)
 from sim.water.head import PRESSURES
 
 QUANTITIES = {"height_m": 1e3, "tilt_deg": 1.0}
 """What is averaged, and what turns its differences into the mm and degrees that are printed."""
-
-LATEST_START = 1e4
-"""Seconds of the sea's time within which runs begin."""
 
 MEASURABLE = 3.0
 """Standard errors from zero at which a difference is said to be measured: with some sixteen batches
@@ -108,12 +110,6 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
             same = sum(label.split(" ")[0] == text for label in twins)
             twins[f"{text} ({same + 1})" if same else text] = scene
     return twins
-
-
-def start_times(count: int) -> list[float]:
-    """Times [s] of the sea at which the runs begin: 0 and seeded random ones. The scene starts as
-    it does, but meets other phases of the waves."""
-    return [0.0, *np.random.default_rng(0).uniform(0.0, LATEST_START, count - 1)]
 
 
 class History:

@@ -25,21 +25,25 @@ from command_line import (
     settings_of,
     stop_signals,
     write_json,
+    write_whole,
 )
 
 import argparse
 import shutil
 import sys
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from sim import Recorder, Scene, Tally, observe, simulate
+from sim import Recorder, Sample, Scene, Tally, observe, simulate
 from sim.coupling.files import model_files
 from sim.coupling.numbers import MOST_THREADS
 from sim.coupling.simulation import check_run
 from sim.drawing.frame import MOST_RESOLUTION
+from sim.measure.series import Series
+from sim.measure.tables import check_ending, write_columns
 from sim.water.head import PRESSURES
 
 
@@ -83,6 +87,9 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         help="its vertices a side (48)",
     )
     parser.add_argument("--view", action="store_true", help="show the run in a viewer as it goes")
+    parser.add_argument(
+        "--series", type=Path, metavar="FILE", help="write all samples there: .csv .parquet .npz"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary there")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     options = parser.parse_args(arguments)
@@ -126,15 +133,16 @@ def run(
     scene: Scene,
     options: argparse.Namespace,
     recorder: Recorder | None,
-    tally: Tally,
+    takers: Sequence[Callable[[Sample], None]],
     received: list[int],
 ) -> None:
-    """Simulate, record and tally to the end, or to the first signal received, which raises
-    KeyboardInterrupt."""
+    """Simulate, record, and give each sample to those who take it, to the end, or to the first
+    signal received, which raises KeyboardInterrupt."""
     with progress(options.duration, "s", options.quiet) as bar:
         start = scene.data.time
         for sample in simulate(scene, options.duration, options.rate):
-            tally.add(sample)
+            for take in takers:
+                take(sample)
             if recorder is not None:
                 recorder.log(sample)
             bar.update(sample.time - start - bar.n)
@@ -190,10 +198,15 @@ def print_summary(summary: dict[str, Any]) -> None:
         print(f"\nrecorded {size:.1f} MB; look at it with: {viewer} {summary['recording']}")
 
 
-def report(summary: dict[str, Any], options: argparse.Namespace, status: int) -> int:
-    """Write and print the summary; return the exit status."""
+def report(
+    summary: dict[str, Any], series: Series | None, options: argparse.Namespace, status: int
+) -> int:
+    """Write and print the summary and write the series; return the exit status."""
     try:
         write_json(options.json, summary)
+        if series is not None:
+            kind, columns = options.series.suffix, series.columns()
+            write_whole(options.series, lambda beside: write_columns(beside, columns, kind))
     except OSError as error:
         say_errors("run.py", error)
         status = status or UNWRITABLE
@@ -209,11 +222,15 @@ def main(arguments: list[str] | None = None) -> int:
         recording = options.record or Path("recordings") / f"{options.scene.stem}.rrd"
     with ExitStack() as stack:
         try:
-            check_outputs((recording, options.json), model_files(options.scene))
+            check_outputs((recording, options.json, options.series), model_files(options.scene))
+            if options.series is not None:
+                check_ending(options.series)
+            check_writable(options.series)
+            check_writable(options.json)
             with notes_said("run.py", options.quiet):
                 scene = load(options)
                 check_run(scene, options.duration, options.rate)
-                check_writable(options.json)
+                series = None if options.series is None else Series(scene)
                 received = stack.enter_context(stop_signals())
                 recorder = open_recorder(recording, scene, options)
         except (ValueError, OSError) as error:
@@ -221,13 +238,14 @@ def main(arguments: list[str] | None = None) -> int:
         if options.tolerance is not None and not scene.buoyancy.takes_tolerance:
             print("run.py: note: none of the scene's methods takes a tolerance", file=sys.stderr)
         tally = Tally(scene)
+        takers = [tally.add] if series is None else [tally.add, series.add]
         started = perf_counter()
         with recorder or nullcontext():
             status = run_to_the_end(
-                lambda: run(scene, options, recorder, tally, received), received
+                lambda: run(scene, options, recorder, takers, received), received
             )
         summary = summarise(scene, tally, perf_counter() - started, recording, recorder)
-        return report(summary, options, status)
+        return report(summary, series, options, status)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +11,39 @@ Array = NDArray[np.float64]
 
 FEWEST_BATCHES = 16
 """Batches below which their scatter tells the error of a mean to no better than a fifth."""
+
+
+LATEST_START = 1e4
+"""Seconds of the sea's time within which runs begin."""
+
+
+def start_times(count: int, seed: int = 0) -> list[float]:
+    """Times [s] of the sea at which runs begin: 0 and seeded random ones. The scene starts as it
+    does, but meets other phases of the waves."""
+    return [0.0, *np.random.default_rng(seed).uniform(0.0, LATEST_START, count - 1).tolist()]
+
+
+@dataclass(frozen=True)
+class Heights:
+    """Heights from trough to crest of a series between its upcrossings of the mean: of the highest
+    third, the largest, and the mean time between upcrossings [s]; NaN where there are none."""
+
+    significant: float
+    largest: float
+    period: float
+
+
+def heights(times: ArrayLike, values: ArrayLike) -> Heights:
+    """The heights of a series (N,) at times (N,) [s]."""
+    times, values = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
+    off = values - values.mean()
+    ups = np.flatnonzero((off[:-1] < 0.0) & (off[1:] >= 0.0)) + 1
+    if len(ups) < 2:
+        return Heights(np.nan, np.nan, np.nan)
+    found = [np.ptp(values[a : b + 1]) for a, b in pairwise(ups)]
+    highest = np.sort(found)[::-1][: -(-len(found) // 3)]
+    period = (times[ups[-1]] - times[ups[0]]) / (len(ups) - 1)
+    return Heights(float(highest.mean()), float(highest[0]), float(period))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,202 @@
+"""Run a scene with many settings, seeds and starts, and write a table with one row a run.
+
+    python scripts/sweep.py models/bunny.xml --set wave_swell.amplitude=0.05,0.1,0.2 --output a.csv
+    python scripts/sweep.py my.xml --seeds 20 --jobs -1 --output seeds.parquet
+
+Exit status: 0 on success, 2 on unusable input, 4 when the disk is full, 130 after Ctrl-C, 143 after
+SIGTERM. Rows that are done by then are kept beside the output; --resume goes on from them.
+"""
+
+from command_line import (
+    UNWRITABLE,
+    Parser,
+    at_least,
+    check_outputs,
+    check_writable,
+    loading_notice,
+    notes_said,
+    positive,
+    print_table,
+    progress,
+    refusal,
+    run_script,
+    say_errors,
+    stop_signals,
+    stopped_by,
+    write_whole,
+)
+
+import argparse
+import importlib.util
+import json
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from joblib import Parallel, delayed, parallel_config
+
+from sim.coupling.files import model_files
+from sim.measure.sweep import Plan, Row, Run, as_columns, check_plan, kept_rows, perform, runs_of
+from sim.measure.tables import check_ending, write_columns
+
+
+def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
+    parser = Parser("sweep.py", __doc__)
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
+    parser.add_argument("--output", type=Path, required=True, metavar="FILE",
+                        help="of the rows: .csv .parquet .npz")  # fmt: skip
+    parser.add_argument("--set", action="append", default=[], dest="settings",
+                        metavar="NAME=VALUE,VALUE,...", help="values of a custom field, or of a "
+                        "part of one (wave_swell.amplitude=0.1,0.2)")  # fmt: skip
+    parser.add_argument("--seeds", type=at_least(0), default=0, metavar="N",
+                        help="seeds of an irregular sea, from 0 on")  # fmt: skip
+    parser.add_argument("--starts", type=at_least(1), default=1, metavar="N",
+                        help="random times of the sea to begin at (1)")  # fmt: skip
+    parser.add_argument("--method", help="overrules the scene's method, for all geoms")
+    parser.add_argument("--duration", type=positive, default=60.0, metavar="S",
+                        help="simulated seconds (60)")  # fmt: skip
+    parser.add_argument("--warm-up", type=positive, default=10.0, metavar="S",
+                        help="seconds that the statistics leave out (10)")  # fmt: skip
+    parser.add_argument("--rate", type=positive, default=10.0, metavar="HZ",
+                        help="samples a simulated second (10)")  # fmt: skip
+    parser.add_argument("--jobs", type=at_least(-1), default=1, metavar="J",
+                        help="processes, -1 for all cores (1)")  # fmt: skip
+    parser.add_argument("--dask", metavar="ADDRESS",
+                        help="of a scheduler; needs the extra 'cluster'")  # fmt: skip
+    parser.add_argument("--resume", action="store_true", help="do what an earlier sweep left")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    return parser.parse_args(arguments)
+
+
+def check_cluster(address: str | None) -> None:
+    """Raise ValueError where there is no scheduler at an address, or nothing to ask it with."""
+    if address is None:
+        return
+    if importlib.util.find_spec("distributed") is None:
+        raise ValueError(
+            "--dask needs dask and distributed, which are not installed; run: "
+            "pip install '.[cluster]'"
+        )
+    from dask.distributed import Client
+
+    try:
+        Client(address, timeout="5s").close()
+    except (OSError, ValueError, TimeoutError) as error:
+        raise ValueError(f"there is no dask scheduler at {address}: {error}") from None
+
+
+def rows_of(plan: Plan, runs: Sequence[Run], options: argparse.Namespace) -> Iterator[Row]:
+    """The rows of runs as they are done, in this process, in others or on a cluster."""
+    if options.dask is None and options.jobs == 1:
+        for run in runs:
+            yield perform(plan, run)
+        return
+    with ExitStack() as stack:
+        if options.dask is None:
+            stack.enter_context(parallel_config("loky", n_jobs=options.jobs))
+        else:
+            from dask.distributed import Client
+
+            stack.enter_context(Client(options.dask, timeout="10s"))
+            stack.enter_context(parallel_config("dask"))
+        tasks = (delayed(perform)(plan, run) for run in runs)
+        yield from Parallel(return_as="generator_unordered", batch_size=1)(tasks)
+
+
+def collect(
+    plan: Plan, runs: Sequence[Run], rows: list[Row], options: argparse.Namespace, kept: Path
+) -> int:
+    """Add the rows that are missing to the others, each also to the file of those that are kept;
+    return the number of the signal that stopped it, 0 at the end."""
+    done = {row["run"] for row in rows}
+    missing = [run for run in runs if run.number not in done]
+    with (
+        stop_signals() as received,
+        kept.open("a", encoding="utf-8") as file,
+        progress(len(runs), "runs", options.quiet) as bar,
+    ):
+        bar.update(len(rows))
+        found = rows_of(plan, missing, options)
+        for row in found:
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+            rows.append(row)
+            bar.update(1)
+            if received:
+                return received[0]
+    return 0
+
+
+def print_summary(rows: Sequence[Row], wall_s: float, path: Path) -> None:
+    held = [row for row in rows if row["status"] == "held"]
+    spent = sum(row["seconds"] for row in rows)
+    beside = sum(row["seconds"] - row["stepping_seconds"] for row in rows)
+    if held:
+        names = [n for n in held[0] if n.endswith((" std", " drift x", "period"))]
+        cells = [
+            (
+                name,
+                *(
+                    f"{f([row[name] for row in held]):.4g}"
+                    for f in (np.nanmin, np.nanmean, np.nanmax)
+                ),
+            )
+            for name in names
+        ]
+        print_table(("over the runs", "least", "mean", "most"), cells)
+    print(
+        f"\n{len(rows)} runs, {len(held)} held, in {path}: {60.0 * len(rows) / wall_s:.0f} runs a "
+        f"minute; a run {spent / len(rows):.2f} s, {beside / len(rows):.2f} s of it not stepping"
+    )
+    for row in [row for row in rows if row["status"] != "held"][:5]:
+        print(f"run {row['run']}: {row['status']}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse_arguments(arguments)
+    kept = options.output.with_name(f"{options.output.name}.rows")
+    try:
+        check_outputs((options.output, kept), model_files(options.scene))
+        check_ending(options.output)
+        check_writable(options.output)
+        runs = runs_of(options.settings, options.seeds, options.starts)
+        plan = Plan(
+            options.scene.resolve(), options.duration, options.warm_up, options.rate, options.method
+        )
+        rows = kept_rows(kept, runs) if options.resume else []
+        if not options.resume and kept.exists():
+            raise ValueError(f"{kept} has rows of an interrupted sweep; --resume, or remove it")
+        check_cluster(options.dask)
+        with notes_said("sweep.py", options.quiet), loading_notice(options.quiet):
+            check_plan(plan, runs[0])
+    except (ValueError, OSError) as error:
+        return refusal("sweep.py", error)
+    started, before = perf_counter(), len(rows)
+    try:
+        number = collect(plan, runs, rows, options, kept)
+        if number:
+            status, trouble = stopped_by(number)
+            print(
+                f"sweep.py: {trouble}; {len(rows)} of {len(runs)} runs are kept, --resume goes on",
+                file=sys.stderr,
+            )
+            return status
+        kind, columns = options.output.suffix, as_columns(rows)
+        write_whole(options.output, lambda beside: write_columns(beside, columns, kind))
+        kept.unlink()
+    except OSError as error:
+        say_errors("sweep.py", error)
+        return UNWRITABLE
+    if not options.quiet:
+        print_summary(rows, (perf_counter() - started) * len(rows) / max(len(rows) - before, 1),
+                      options.output)  # fmt: skip
+    return 0
+
+
+if __name__ == "__main__":
+    run_script(main)

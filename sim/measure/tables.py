@@ -1,0 +1,62 @@
+"""Tables: columns of numbers and words in a file, CSV, Parquet or NumPy's by its ending."""
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Column = NDArray[Any]
+
+ENDINGS = (".csv", ".parquet", ".npz")
+
+
+def check_ending(path: Path) -> None:
+    """Raise ValueError for a file of another kind."""
+    if path.suffix.lower() not in ENDINGS:
+        raise ValueError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
+
+
+def write_columns(path: Path, columns: Mapping[str, Column], ending: str | None = None) -> None:
+    """Write columns of one length, by the file's ending or another one. Raises OSError."""
+    kind = (ending or path.suffix).lower()
+    columns = {name: np.asarray(column) for name, column in columns.items()}
+    if kind == ".parquet":
+        import pyarrow
+        import pyarrow.parquet
+
+        pyarrow.parquet.write_table(pyarrow.table(columns), path)
+    elif kind == ".npz":
+        with path.open("wb") as file:
+            np.savez_compressed(file, **columns)
+    else:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(columns)
+            writer.writerows(zip(*(c.tolist() for c in columns.values()), strict=True))
+
+
+def read_columns(path: Path) -> dict[str, Column]:
+    """The columns of such a file. Raises ValueError, OSError."""
+    check_ending(path)
+    if path.suffix.lower() == ".parquet":
+        import pyarrow.parquet
+
+        table = pyarrow.parquet.read_table(path)
+        return {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
+    if path.suffix.lower() == ".npz":
+        with np.load(path) as file:
+            return dict(file)
+    with path.open(newline="", encoding="utf-8") as file:
+        names, *rows = csv.reader(file)
+    columns = zip(*rows, strict=True)
+    return {name: _typed(column) for name, column in zip(names, columns, strict=True)}
+
+
+def _typed(words: tuple[str, ...]) -> Column:
+    try:
+        return np.array([float(word) if word else np.nan for word in words])
+    except ValueError:
+        return np.array(words)

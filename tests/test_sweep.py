@@ -1,0 +1,231 @@
+"""Sweeps and series: a scene run many times, what is kept of it, and tables of samples."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from scenes import model, xml
+
+from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
+from sim import Scene, simulate
+from sim.measure.series import NAMES, Series
+from sim.measure.statistics import heights, start_times
+from sim.measure.sweep import Plan, Run, perform, runs_of
+from sim.measure.tables import read_columns, write_columns
+
+SWEEP = [sys.executable, str(REPOSITORY / "scripts" / "sweep.py")]
+SHORT = ("--duration", "4", "--warm-up", "1")
+
+
+def test_heights_of_a_sine_are_twice_its_amplitude():
+    times = np.linspace(0.0, 50.0, 5001)
+    found = heights(times, 3.0 + 0.5 * np.sin(2.0 * np.pi * times / 2.5))
+    assert found.significant == pytest.approx(1.0, abs=1e-3)
+    assert found.largest == pytest.approx(1.0, abs=1e-3)
+    assert found.period == pytest.approx(2.5, abs=1e-3)
+    growing = heights(times, times * np.sin(2.0 * np.pi * times / 2.5))
+    assert growing.largest > growing.significant > 0.6 * growing.largest
+    assert np.isnan(heights(times, np.ones_like(times)).largest)
+
+
+def test_of_gaussian_seas_the_significant_height_is_four_standard_deviations():
+    from sim import Sea
+
+    times = np.arange(0.0, 5_000.0, 0.25)
+    values = Sea.jonswap(1.0, 8.0, spread=0.0, waves=100).elevation(0.0, 0.0, times)
+    found = heights(times, values)
+    assert found.significant == pytest.approx(4.0 * values.std(), rel=0.06)
+
+
+def test_runs_are_all_products():
+    runs = runs_of(["a=1,2", "b=3 4, 5 6"], seeds=2, starts=3)
+    assert len(runs) == 24
+    assert len({(run.settings, run.start) for run in runs}) == 24
+    assert runs[0].settings == (("a", "1"), ("b", "3 4"), ("seed", "0"))
+    assert [run.number for run in runs] == list(range(24))
+    assert [run.start for run in runs[:3]] == start_times(3)
+    for wrong in ("a", "=1", "a=1,,2"):
+        with pytest.raises(ValueError, match="expected NAME=VALUE,VALUE"):
+            runs_of([wrong], 0, 1)
+
+
+def test_a_run_s_row_is_that_of_the_samples():
+    plan = Plan(MODELS / "cube.xml", 6.0, 2.0, 10.0)
+    row = perform(plan, Run(0, (("wave_swell.amplitude", "0.05"),), 3.0))
+    scene = Scene.load(MODELS / "cube.xml", settings=["wave_swell.amplitude=0.05"])
+    scene.data.time = 3.0
+    samples = [s for s in simulate(scene, 6.0, 10.0) if s.time >= 5.0]
+    assert row["status"] == "held"
+    assert row["cube heave std"] == pytest.approx(np.std([s.positions[0, 2] for s in samples]))
+    tilts = np.degrees([s.tilts[0] for s in samples])
+    assert row["cube tilt_deg mean"] == pytest.approx(np.mean(tilts))
+
+
+def test_runs_in_threads_are_those_of_one():
+    """They share a compiled scene, and each has a state of its own."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    plan = Plan(MODELS / "cube.xml", 4.0, 1.0, 10.0)
+    runs = runs_of([], 0, 6)
+    alone = [perform(plan, run) for run in runs]
+    with ThreadPoolExecutor(3) as threads:
+        together = list(threads.map(lambda run: perform(plan, run), runs))
+    timed = ("seconds", "stepping_seconds")
+    for one, other in zip(alone, together, strict=True):
+        assert {k: v for k, v in one.items() if k not in timed} == {
+            k: v for k, v in other.items() if k not in timed
+        }
+
+
+def test_what_fails_is_a_row_and_not_the_end(tmp_path):
+    """A wave that folds, and a timestep's worth of a mass that is thrown about."""
+    light = """<body name="ball" pos="0 0 0.05"><freejoint/>
+      <geom name="ball" type="sphere" size="0.1" density="0.5"/></body>"""
+    wave = '<numeric name="wave_swell" data="0.1 4 0 0"/>'
+    option = '<option timestep="0.02"/>'
+    (tmp_path / "s.xml").write_text(xml(light, ("ball",), wave, option))
+    output = tmp_path / "a.csv"
+    arguments = ("--set", "wave_swell.amplitude=0.01,3", "--output", output, "--quiet")
+    duration = ("--duration", "60", "--warm-up", "1")
+    assert status_of("sweep.py", tmp_path / "s.xml", *arguments, *duration) == 0
+    found = read_columns(output)
+    assert found["status"][0].startswith("diverged: body 'ball' diverged at ")
+    assert found["status"][1].startswith("refused: ")
+    assert "the waves fold" in found["status"][1]
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "npz"])
+def test_tables_come_back_as_they_were(ending, tmp_path):
+    columns = {"time": np.array([0.0, 0.1, np.nan]), "body": np.array(["a", "b ö", "c,d"])}
+    path = tmp_path / f"t.{ending}"
+    write_columns(path, columns)
+    found = read_columns(path)
+    assert list(found) == list(columns)
+    np.testing.assert_array_equal(found["time"], columns["time"])
+    assert found["body"].tolist() == columns["body"].tolist()
+
+
+def interrupted(tmp_path, number: int, jobs: str = "1") -> int:
+    """A sweep of 25 runs that a signal stops after some; how many rows it has kept."""
+    command = [*SWEEP, str(MODELS / "cube.xml"), "--starts", "25", "--duration", "12", "--jobs",
+               jobs, "--output", "a.parquet"]  # fmt: skip
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c
+    )
+    kept, deadline = tmp_path / "a.parquet.rows", time.monotonic() + 120.0
+    while not (kept.exists() and kept.read_text().count("\n") >= 3):
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
+    if number != signal.SIGKILL:
+        assert "runs are kept, --resume goes on" in said
+        assert "Traceback" not in said
+    return kept.read_text().count("\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_an_interrupted_sweep_keeps_its_rows_and_goes_on(number, tmp_path):
+    count = interrupted(tmp_path, number)
+    assert 3 <= count < 25
+    with (tmp_path / "a.parquet.rows").open("a") as file:
+        file.write('{"run": 24, "sta')  # as a kill may leave it
+    command = [MODELS / "cube.xml", "--starts", "25", "--duration", "12", "--quiet", "--output",
+               tmp_path / "a.parquet"]  # fmt: skip
+    assert status_of("sweep.py", *command) == 2  # nothing that was kept is lost
+    assert status_of("sweep.py", *command, "--resume") == 0
+    found = read_columns(tmp_path / "a.parquet")
+    assert found["run"].tolist() == list(range(25))
+    assert set(found["status"]) == {"held"}
+    assert sorted(os.listdir(tmp_path)) == ["a.parquet"]
+
+
+def test_rows_of_another_sweep_are_not_gone_on_from(tmp_path, capsys):
+    (tmp_path / "a.csv.rows").write_text('{"run": 0, "seed": "3"}\n')
+    arguments = ("--set", "wave_swell.amplitude=0.1", "--output", tmp_path / "a.csv", *SHORT)
+    assert status_of("sweep.py", MODELS / "cube.xml", *arguments, "--resume") == 2
+    assert "has rows of another sweep" in capsys.readouterr().err
+
+
+def test_a_cluster_does_the_same(tmp_path):
+    """On a scheduler of this machine with two workers."""
+    distributed = pytest.importorskip("distributed")
+    arguments = [str(MODELS / "cube.xml"), "--starts", "4", "--quiet", *SHORT]
+    assert status_of("sweep.py", *arguments, "--output", tmp_path / "here.csv") == 0
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=2, dashboard_address=None
+    ) as cluster:
+        command = [*SWEEP, *arguments, "--output", "there.csv", "--dask", cluster.scheduler_address]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    here, there = (read_columns(tmp_path / name) for name in ("here.csv", "there.csv"))
+    for name in here:
+        if "seconds" not in name:
+            np.testing.assert_array_equal(here[name], there[name])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--output", "a.txt"), "expected a name that ends in .csv, .parquet, .npz"),
+        (("--output", "a.csv", "--set", "wave_swell.amplitude"), "expected NAME=VALUE,VALUE"),
+        (("--output", "a.csv", "--set", "wave_swel.amplitude=1"), "no numeric 'wave_swel'"),
+        (("--output", "a.csv", "--seeds", "2"), "the scene has no irregular sea"),
+        (("--output", "a.csv", "--duration", "5", "--warm-up", "9"), "leave nothing after a warm"),
+    ],
+)
+def test_unusable_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert status_of("sweep.py", MODELS / "cube.xml", *arguments) == 2
+    told = capsys.readouterr().err
+    assert message in told
+    assert told.count("\n") == 1
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_scheduler_that_is_not_there_is_said(tmp_path, capsys):
+    pytest.importorskip("distributed")
+    arguments = ("--output", tmp_path / "a.csv", "--dask", "tcp://127.0.0.1:9")
+    assert status_of("sweep.py", MODELS / "cube.xml", *arguments) == 2
+    assert "there is no dask scheduler at tcp://127.0.0.1:9" in capsys.readouterr().err
+
+
+def test_series_are_the_samples(tmp_path):
+    path = tmp_path / "s.npz"
+    command = (MODELS / "trio.xml", "--no-record", "--duration", "2", "--rate", "20", "--quiet")
+    assert status_of("run.py", *command, "--series", path) == 0
+    found = read_columns(path)
+    assert list(found) == ["time", "body", *NAMES]
+    scene = Scene.load(MODELS / "trio.xml")
+    series = Series(scene)
+    for sample in simulate(scene, 2.0, 20.0):
+        series.add(sample)
+    names = scene.buoyancy.body_names
+    last = {name: column[-len(names) :] for name, column in found.items()}
+    assert tuple(last["body"]) == names
+    np.testing.assert_allclose(np.stack([last[a] for a in "xyz"], 1), sample.positions)
+    np.testing.assert_allclose(last["tilt_deg"], np.degrees(sample.tilts))
+    np.testing.assert_allclose(last["fz"], sample.body_wrenches[:, 2])
+    np.testing.assert_allclose(last["water_height"], sample.elevations)
+    chosen = found["body"] == names[0]
+    slope = np.gradient(found["z"][chosen], found["time"][chosen])
+    np.testing.assert_allclose(found["vz"][chosen][5:-5], slope[5:-5], atol=0.2)
+
+
+def test_heave_heel_and_trim_are_the_fields_terms():
+    """From where a box rests: half its height is the draught at half the density."""
+    body = """<body name="b" pos="0 0 0.3" euler="0 10 0"><freejoint/>
+      <geom name="b" type="box" size="2 1 0.25" density="512.5"/></body>"""
+    scene = Scene.from_model(model(body, ("b",)))
+    series = Series(scene)
+    series.add(next(simulate(scene, 0.1)))
+    found = series.columns()
+    assert found["heave"][0] == pytest.approx(0.3, abs=1e-6)
+    assert found["trim_deg"][0] == pytest.approx(10.0)  # bow down
+    assert found["heel_deg"][0] == pytest.approx(0.0, abs=1e-9)
