@@ -293,7 +293,7 @@ def check_drawable(path: Path | None) -> None:
     """The same for a figure. Raises ValueError where matplotlib is missing."""
     if path is not None and importlib.util.find_spec("matplotlib") is None:
         raise ValueError(
-            "--figure needs matplotlib, which is not installed; run: pip install '.[report]'"
+            "a figure needs matplotlib, which is not installed; run: pip install '.[report]'"
         )
     check_writable(path)
 

@@ -7,6 +7,8 @@ Exit status: 0 on success, 2 on unusable input, 3 when the state diverged, 4 whe
 """
 
 from command_line import (
+    DIVERGED,
+    UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
     add_scene_options,
@@ -49,7 +51,9 @@ from sim.water.head import PRESSURES
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser("run.py", __doc__)
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
+    parser.add_argument(
+        "scenes", type=Path, nargs="+", metavar="SCENE", help="MJCF files, run in turn"
+    )
     parser.add_argument(
         "--duration", type=positive, default=10.0, metavar="S", help="simulated seconds (10)"
     )
@@ -93,6 +97,9 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary there")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     options = parser.parse_args(arguments)
+    for name in ("record", "series", "json") if len(options.scenes) > 1 else ():
+        if getattr(options, name) is not None:
+            parser.error(f"--{name} names one file, and there are {len(options.scenes)} scenes")
     if options.record_rate is not None and options.record_rate > options.rate:
         parser.error(
             f"--record-rate {options.record_rate:g} is above the {options.rate:g} samples a second "
@@ -101,11 +108,11 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     return options
 
 
-def load(options: argparse.Namespace) -> Scene:
+def load(path: Path, options: argparse.Namespace) -> Scene:
     """Load the scene and compute everything once, which compiles the kernels."""
     with loading_notice(options.quiet):
         scene = Scene.load(
-            options.scene,
+            path,
             options.method,
             options.tolerance,
             options.timestep,
@@ -215,26 +222,26 @@ def report(
     return status
 
 
-def main(arguments: list[str] | None = None) -> int:
-    options = parse_arguments(arguments)
+def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, Any] | None]:
+    """Run one scene; the exit status, and the summary of what was done."""
     recording = None
     if not options.no_record:
-        recording = options.record or Path("recordings") / f"{options.scene.stem}.rrd"
+        recording = options.record or Path("recordings") / f"{path.stem}.rrd"
     with ExitStack() as stack:
         try:
-            check_outputs((recording, options.json, options.series), model_files(options.scene))
+            check_outputs((recording, options.json, options.series), model_files(path))
             if options.series is not None:
                 check_ending(options.series)
             check_writable(options.series)
             check_writable(options.json)
             with notes_said("run.py", options.quiet):
-                scene = load(options)
+                scene = load(path, options)
                 check_run(scene, options.duration, options.rate)
                 series = None if options.series is None else Series(scene)
                 received = stack.enter_context(stop_signals())
                 recorder = open_recorder(recording, scene, options)
         except (ValueError, OSError) as error:
-            return refusal("run.py", error)
+            return refusal("run.py", error), None
         if options.tolerance is not None and not scene.buoyancy.takes_tolerance:
             print("run.py: note: none of the scene's methods takes a tolerance", file=sys.stderr)
         tally = Tally(scene)
@@ -245,7 +252,37 @@ def main(arguments: list[str] | None = None) -> int:
                 lambda: run(scene, options, recorder, takers, received), received
             )
         summary = summarise(scene, tally, perf_counter() - started, recording, recorder)
-        return report(summary, series, options, status)
+        return report(summary, series, options, status), summary
+
+
+ENDS = {0: "done", UNUSABLE_INPUT: "refused", DIVERGED: "diverged", UNWRITABLE: "disk full"}
+
+
+def print_runs(ends: Sequence[tuple[Path, int, dict[str, Any] | None]]) -> None:
+    """A table of several runs, one a line."""
+    cells = []
+    for path, status, summary in ends:
+        numbers = ("", "", "")
+        if summary is not None:
+            numbers = (
+                f"{summary['duration']:.1f}", f"{summary['realtime_factor']:.1f}",
+                f"{summary['buoyancy_us_per_step']:.1f}",
+            )  # fmt: skip
+        cells.append((str(path), ENDS.get(status, "stopped"), *numbers))
+    print()
+    print_table(("scene", "end", "s", "x real time", "us in buoyancy"), cells)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse_arguments(arguments)
+    ends = []
+    for path in options.scenes:
+        ends.append((path, *run_scene(path, options)))
+        if ends[-1][1] > 128:  # whoever interrupts one means all
+            break
+    if len(options.scenes) > 1 and not options.quiet:
+        print_runs(ends)
+    return next((status for _, status, _ in ends if status), 0)
 
 
 if __name__ == "__main__":

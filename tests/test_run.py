@@ -228,3 +228,18 @@ def test_a_run_without_end_is_refused_before_anything_is_written(tmp_path, capsy
     assert "1e+13 steps" in error
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_several_scenes_run_in_turn_and_end_in_one_table(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken.xml").write_text("<mujoco/>")
+    scenes = [MODELS / "cube.xml", "broken.xml", MODELS / "bunny.xml"]
+    assert status_of("run.py", *scenes, "--duration", "0.2", "--no-record") == 2
+    told = capsys.readouterr()
+    *_, first, second, third = told.out.rstrip().split("\n")
+    assert first.split()[1:3] == ["done", "0.2"]
+    assert second.split() == ["broken.xml", "refused"]
+    assert third.split()[1:3] == ["done", "0.2"]
+    assert "nothing floats" in told.err
+    assert status_of("run.py", *scenes, "--json", "a.json") == 2
+    assert "--json names one file, and there are 3 scenes" in capsys.readouterr().err

@@ -13,6 +13,9 @@ FEWEST_BATCHES = 16
 """Batches below which their scatter tells the error of a mean to no better than a fifth."""
 
 
+SEGMENTS = 8
+"""Lengths of a segment in a series whose spectrum is wanted: more are smoother and less sharp."""
+
 LATEST_START = 1e4
 """Seconds of the sea's time within which runs begin."""
 
@@ -44,6 +47,23 @@ def heights(times: ArrayLike, values: ArrayLike) -> Heights:
     highest = np.sort(found)[::-1][: -(-len(found) // 3)]
     period = (times[ups[-1]] - times[ups[0]]) / (len(ups) - 1)
     return Heights(float(highest.mean()), float(highest[0]), float(period))
+
+
+def spectra(times: ArrayLike, *series: ArrayLike) -> tuple[Array, list[Array]]:
+    """Frequencies [Hz] and one-sided spectral densities (M,) [unit^2 / Hz] of series (N,) at even
+    times (N,) [s], by Welch's averages over halves that overlap (1967), under Hann's window."""
+    times = np.asarray(times, dtype=float)
+    step = float(np.median(np.diff(times)))
+    length = max(len(times) // SEGMENTS, min(len(times), 16))
+    window = np.hanning(length + 1)[:-1]
+    scale = 2.0 * step / float(window @ window)
+    found = []
+    for values in series:
+        values = np.asarray(values, dtype=float) - np.mean(values)
+        starts = range(0, len(values) - length + 1, length // 2)
+        parts = [np.fft.rfft(window * values[start : start + length]) for start in starts]
+        found.append(scale * np.mean(np.abs(parts) ** 2, axis=0))
+    return np.fft.rfftfreq(length, step), found
 
 
 @dataclass(frozen=True)

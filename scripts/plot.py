@@ -1,0 +1,157 @@
+"""Draw what a run did: heave, tilt and force over time, spectra and the transfer function.
+
+    python scripts/run.py my.xml --duration 300 --series my.parquet
+    python scripts/plot.py my.parquet --output my.png
+
+It takes a series of run.py or a recording. Needs the extra 'report'.
+
+Exit status: 0 on success, 2 on unusable input, 4 when the disk is full.
+"""
+
+from command_line import (
+    Parser,
+    check_drawable,
+    check_outputs,
+    refusal,
+    run_script,
+    write_whole,
+)
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.measure.statistics import spectra
+from sim.measure.tables import read_columns
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Columns = dict[str, NDArray[np.float64]]
+
+MOST_BODIES = 6
+"""Bodies that are drawn, the first ones."""
+
+FEWEST = 128
+"""Samples below which there is no spectrum worth drawing."""
+
+HEARD = 0.02
+"""Of the elevation's largest density, below which a transfer function is noise over noise."""
+
+
+def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
+    parser = Parser("plot.py", __doc__)
+    parser.add_argument("series", type=Path, metavar="FILE", help="of run.py: a series or an .rrd")
+    parser.add_argument(
+        "--output", type=Path, metavar="FILE.png", help="default: beside the file, as .png"
+    )
+    options = parser.parse_args(arguments)
+    options.output = options.output or options.series.with_suffix(".png")
+    return options
+
+
+def read_bodies(path: Path) -> dict[str, Columns]:
+    """Of each body time, heave, water_height, tilt_deg, and fz or weights. Raises ValueError,
+    OSError."""
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no file {path}")
+    if path.suffix == ".rrd":
+        return _of_recording(path)
+    columns = read_columns(path)
+    wanted = ("time", "heave", "water_height", "tilt_deg", "fz")
+    if "body" not in columns or any(name not in columns for name in wanted):
+        raise ValueError(f"{path} is no series of run.py; expected body, {', '.join(wanted)}")
+    names = list(dict.fromkeys(columns["body"].tolist()))
+    return {n: {w: columns[w][columns["body"] == n] for w in wanted} for n in names}
+
+
+def _of_recording(path: Path) -> dict[str, Columns]:
+    from sim import read_series
+
+    series = read_series(path)
+    all_names = (name.removeprefix("height/") for name in series if name.startswith("height/"))
+    names = [name for name in all_names if f"height/{name}/water" in series]
+    if not names:
+        raise ValueError(f"{path} has no series of bodies; expected a recording of run.py")
+    found = {}
+    for name in names:
+        times, heights = series[f"height/{name}"]
+        found[name] = {
+            "time": times,
+            "heave": heights - heights.mean(),
+            "water_height": series[f"height/{name}/water"][1],
+            "tilt_deg": series[f"tilt/{name}"][1],
+            "weights": series[f"force/{name}"][1],
+        }
+    return found
+
+
+def draw(bodies: dict[str, Columns], path: Path, title: str) -> None:
+    """Draw all panels into a PNG file."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    shown = dict(list(bodies.items())[:MOST_BODIES])
+    long = {n: c for n, c in shown.items() if len(c["time"]) >= FEWEST}
+    figure, axes = plt.subplots(
+        5 if long else 3, 1, figsize=(9.0, 12.0 if long else 7.5), layout="constrained"
+    )
+    labels = {
+        "heave": "heave [m]", "tilt_deg": "tilt [deg]", "fz": "buoyancy [N]",
+        "weights": "buoyancy [weights]",
+    }  # fmt: skip
+    there = [name for name in labels if all(name in columns for columns in shown.values())]
+    for ax, name in zip(axes, there, strict=False):
+        label = labels[name]
+        for body, columns in shown.items():
+            ax.plot(columns["time"], columns[name], lw=1.0, label=body)
+        ax.set(xlabel="time [s]", ylabel=label)
+        ax.grid(alpha=0.3)
+    axes[0].set_title(title)
+    axes[0].legend(loc="upper right", fontsize="small")
+    if long:
+        draw_spectra(axes[3], axes[4], long)
+    figure.savefig(path, dpi=120, format="png")
+    plt.close(figure)
+
+
+def draw_spectra(above: "Axes", below: "Axes", bodies: dict[str, Columns]) -> None:
+    """Spectra of elevation and heave, and below how much of the one the other is."""
+    highest = 0.0
+    for i, (body, columns) in enumerate(bodies.items()):
+        names = ("water_height", "heave")
+        frequencies, (water, heave) = spectra(columns["time"], *(columns[n] for n in names))
+        heard = (water > HEARD * water.max()) & (frequencies > 0.0)
+        above.plot(frequencies, water, f"C{i}--", lw=1.0, label=f"{body}: water")
+        above.plot(frequencies, heave, f"C{i}-", lw=1.0, label=f"{body}: heave")
+        ratio = np.sqrt(heave[heard] / np.maximum(water[heard], 1e-300))
+        below.plot(frequencies[heard], ratio, f"C{i}.-", lw=1.0, label=body)
+        both = (water + heave).cumsum()
+        highest = max(highest, float(frequencies[np.searchsorted(both, 0.999 * both[-1])]))
+    for ax, label in ((above, "density [m$^2$/Hz]"), (below, "heave over water")):
+        ax.set(xlabel="frequency [Hz]", ylabel=label, xlim=(0.0, 1.3 * highest))
+        ax.grid(alpha=0.3)
+        ax.legend(loc="upper right", fontsize="small")
+    below.set_ylim(bottom=0.0)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse_arguments(arguments)
+    try:
+        check_outputs([options.output], [options.series])
+        bodies = read_bodies(options.series)
+        check_drawable(options.output)
+        write_whole(options.output, lambda beside: draw(bodies, beside, options.series.stem))
+    except (ValueError, OSError) as error:
+        return refusal("plot.py", error)
+    print(options.output)
+    return 0
+
+
+if __name__ == "__main__":
+    run_script(main)
