@@ -1,6 +1,7 @@
 """Buoyancy in MuJoCo: the callback, its manners, frames and integrators."""
 
 import gc
+import runpy
 import threading
 import weakref
 from time import monotonic, sleep
@@ -11,8 +12,8 @@ import pytest
 import trimesh
 from scenes import CUBE, WAVES, model
 
-from independent import MODELS, ROUND_OFF
-from sim import Buoyancy, Hull, Linear
+from independent import MODELS, REPOSITORY, ROUND_OFF
+from sim import Buoyancy, Hull, Linear, Scene
 
 WEIGHT = 512.5 * 9.81  # N, of the cube
 
@@ -316,3 +317,17 @@ def test_refuses_threads_that_cannot_be(threads):
     compiled = model()
     with pytest.raises(ValueError, match=f"threads is {threads:g}; it must be a whole"):
         Buoyancy.from_model(compiled, threads=threads)
+
+
+def test_tiles_of_the_viewer_lie_on_the_water(monkeypatch):
+    """MuJoCo's own viewer: the example's drawing, which needs no screen."""
+    pytest.importorskip("mujoco.viewer")
+    drawing = runpy.run_path(str(REPOSITORY / "scripts" / "examples" / "viewer.py"))
+    scene = Scene.load(MODELS / "bunny.xml")
+    picture = mujoco.MjvScene(scene.model, 2000)
+    drawing["draw_water"](picture, scene)
+    assert picture.ngeom == drawing["TILES"] ** 2
+    places = np.array([picture.geoms[i].pos for i in range(picture.ngeom)], dtype=float)
+    expected = scene.buoyancy.sea.elevation(places[:, 0], places[:, 1], scene.data.time)
+    np.testing.assert_allclose(places[:, 2], expected, atol=1e-6)
+    assert all(picture.geoms[i].mat[2, 2] > 0.5 for i in range(picture.ngeom))
