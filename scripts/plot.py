@@ -73,15 +73,15 @@ def _of_recording(path: Path) -> dict[str, Columns]:
 
     series = read_series(path)
     all_names = (name.removeprefix("height/") for name in series if name.startswith("height/"))
-    names = [name for name in all_names if f"height/{name}/water" in series]
+    names = [name for name in all_names if f"heave/{name}/water" in series]
     if not names:
         raise ValueError(f"{path} has no series of bodies; expected a recording of run.py")
     found = {}
     for name in names:
-        times, heights = series[f"height/{name}"]
+        times, heave = series[f"heave/{name}"]
         found[name] = {
             "time": times,
-            "heave": heights - heights.mean(),
+            "heave": heave,
             "water_height": series[f"height/{name}/water"][1],
             "tilt_deg": series[f"tilt/{name}"][1],
             "weights": series[f"force/{name}"][1],

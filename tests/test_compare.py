@@ -199,3 +199,22 @@ def test_unusable_input_gives_one_line_and_status_2(
     assert message in stderr
     assert stderr.count("\n") == 1
     assert sorted(tmp_path.rglob("*")) == []
+
+
+def test_twins_have_a_plot_of_their_difference(tmp_path):
+    """One line would hide the other."""
+    scenes = {method: Scene.load(MODELS / "cube.xml", method) for method in ("linear", "patches")}
+    path, off = tmp_path / "twins.rrd", []
+    with SideBySideRecorder(path, scenes) as recorder:
+        for samples in zip(*(simulate(s, 2.5) for s in scenes.values()), strict=True):
+            recorder.log(samples)
+            one, other = samples
+            off.append(other.positions[0, 2] - one.positions[0, 2])
+    chunks = RrdReader(path).stream().filter(content="/difference/heave/patches/cube")
+    found = []
+    for chunk in chunks:
+        batch = chunk.to_record_batch()
+        if "Scalars:scalars" in batch.schema.names:
+            found += np.ravel(batch.column("Scalars:scalars").to_pylist()).tolist()
+    np.testing.assert_array_equal(found, off)
+    assert np.abs(off).max() > 0.0

@@ -21,6 +21,7 @@ def test_series_are_the_samples_and_go_into_arrays(tmp_path, capsys):
             samples.append(sample)
     series = read_series(path)
     names = {"height/cube", "height/cube/water", "tilt/cube", "submerged/cube", "force/cube"}
+    names |= {"heave/cube", "heave/cube/water", "surge/cube", "heel/cube", "trim/cube"}
     assert set(series) == names
     expected = {
         "height/cube": [s.centres[0, 2] for s in samples],
@@ -49,7 +50,7 @@ def test_series_of_bodies_beyond_the_plots_are_read_too(tmp_path):
             recorder.log(sample)
             samples.append(sample)
     series = read_series(tmp_path / "cubes.rrd")
-    assert len(series) == 8 * 5
+    assert len(series) == 8 * 10
     for i, body in enumerate(names):
         elevations = [s.elevations[i] for s in samples]
         np.testing.assert_array_equal(series[f"height/{body}/water"][1], elevations)

@@ -16,6 +16,7 @@ from scenes import CUBE, WAVES, model
 
 from independent import MODELS, ROUND_OFF
 from sim import Recorder, Scene, Sea, Tally, Wave, read_series, simulate
+from sim.coupling.motions import Motions
 from sim.drawing.display_mesh import DisplayMeshes, shaded_corners, with_hue_turned
 from sim.drawing.frame import Artist, thinned
 from sim.drawing.look import sea_in_words, side_by_side_blueprint
@@ -66,12 +67,18 @@ def run(tmp_path_factory):
 def test_time_series_are_the_samples(run):
     scene, samples, path = run
     weights = scene.model.body_mass[scene.buoyancy.bodies] * 9.81
+    motions = Motions(Scene.load(MODELS / "trio.xml"))
     expected = {
         "plots/height/{}": [s.centres[:, 2] for s in samples],
         "plots/height/{}/water": [s.elevations for s in samples],
         "plots/tilt/{}": [np.degrees(s.tilts) for s in samples],
         "plots/submerged/{}": [s.submerged_fractions for s in samples],
         "plots/force/{}": [s.body_wrenches[:, 2] / weights for s in samples],
+        "plots/surge/{}": [s.positions[:, 0] - samples[0].positions[:, 0] for s in samples],
+        "plots/heave/{}": [motions.of(s).heave for s in samples],
+        "plots/heave/{}/water": [s.elevations for s in samples],
+        "plots/heel/{}": [motions.of(s).heel_deg for s in samples],
+        "plots/trim/{}": [motions.of(s).trim_deg for s in samples],
     }
     for i, body in enumerate(scene.buoyancy.body_names):
         for entity, values in expected.items():

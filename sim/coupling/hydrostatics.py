@@ -218,11 +218,11 @@ def _tilt(before: Array, now: Array) -> float:
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(before, now)), before @ now)))
 
 
-def heel_and_trim(rotation: Array) -> tuple[float, float]:
-    """Heel and trim [rad] of a rotation (3, 3), body -> world: first heeled about the bow, then
-    trimmed about the horizontal."""
-    trim = -np.arcsin(np.clip(rotation[2, 0], -1.0, 1.0))
-    return float(np.arctan2(rotation[2, 1], rotation[2, 2])), float(trim)
+def heel_and_trim(up: Array) -> tuple[Array, Array]:
+    """Heel and trim [rad] of bodies in whose axes the vertical is (..., 3): first heeled about the
+    bow, then trimmed about the horizontal."""
+    trim = -np.arcsin(np.clip(up[..., 0], -1.0, 1.0))
+    return np.arctan2(up[..., 1], up[..., 2]), trim
 
 
 def bow_ahead(rotation: Array) -> Array:
@@ -263,7 +263,7 @@ def _resting(tree: Tree) -> Attitude:
 
 def _place(scene: Afloat, tree: Tree, attitude: Attitude) -> dict[str, float]:
     """How the body lies."""
-    heel, trim = heel_and_trim(attitude.rotation)
+    heel, trim = heel_and_trim(attitude.rotation[2])
     ups = tree.body.corners @ attitude.rotation[2]
     origin = attitude.rotation @ tree.rotation.T @ (scene.data.xpos[tree.root] - tree.centre)
     return dict(

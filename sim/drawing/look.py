@@ -1,6 +1,6 @@
 """Look: colours, views, plots and words of a recording."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -38,24 +38,48 @@ WATERLINE_COLOUR = (255, 255, 255)
 FORCE_COLOURS = {"buoyancy": (80, 200, 120), "weight": (220, 80, 60), "drag": (240, 180, 60)}
 
 PLOTS = {
+    "heave": "Heave of the body, height of the water [m]",
     "height": "Height of body and water [m]",
+    "surge": "Surge, from the start [m]",
     "tilt": "Tilt [deg]",
+    "heel": "Heel, starboard down [deg]",
+    "trim": "Trim, bow down [deg]",
     "force": "Buoyant force [weights]",
     "submerged": "Submerged [of the volume]",
 }
-"""Time series views, in order: the first part of the entity path and the title."""
+"""Time series views: the first part of the entity path and the title."""
+
+TABS = (("heave", "height", "surge"), ("tilt", "heel", "trim"), ("force", "submerged"))
+"""Views that lie behind one another, from the top."""
+
+DIFFERENCES = {
+    "heave": "Heave, difference to the first [m]",
+    "tilt": "Tilt, difference to the first [deg]",
+}
+"""What is plotted of twins, one of which would hide the other."""
 
 PLOT_SHARES = (1.0, 1.0, 1.0, 1.55)
 """Heights of the three plots and the overview below them."""
 
 SERIES = {
+    "heave": "plots/heave/{}",
+    "water_above_level": "plots/heave/{}/water",
     "height": "plots/height/{}",
     "water_height": "plots/height/{}/water",
+    "surge": "plots/surge/{}",
     "tilt_deg": "plots/tilt/{}",
+    "heel_deg": "plots/heel/{}",
+    "trim_deg": "plots/trim/{}",
     "submerged_fraction": "plots/submerged/{}",
     "vertical_force": "plots/force/{}",
 }
 """Entity path of every quantity of a body that is plotted."""
+
+LEGEND = "tilt"
+"""The plot with a legend: one is enough."""
+
+WATERS = ("water_above_level", "water_height")
+"""Those that are of the water."""
 
 OTHER_SERIES = {
     quantity: path.replace("plots/", "others/").replace("/{}", "")
@@ -161,28 +185,36 @@ def _plot(entity: str, contents: list[str]) -> rrb.TimeSeriesView:
         origin="/",
         contents=contents,
         name=PLOTS[entity],
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=entity == "tilt"),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=entity == LEGEND),
     )
 
 
 def blueprint(scene: Scene) -> rrb.Blueprint:
     names = [part(name) for name in scene.buoyancy.body_names[:MOST_PLOTTED]]
-    height, tilt, *forces = (
-        _plot(entity, [f"/plots/{entity}/{name}/**" for name in names]) for entity in PLOTS
-    )
+    rows = _rows(lambda entity: [f"/plots/{entity}/{name}/**" for name in names])
     text = rrb.TextDocumentView(origin="overview", name="Overview")
-    tabs = rrb.Tabs(*forces, active_tab=0)
-    plots = rrb.Vertical(height, tilt, tabs, text, row_shares=PLOT_SHARES)
+    plots = rrb.Vertical(*rows, text, row_shares=PLOT_SHARES)
     title = f"{scene.name}: waterline white, buoyancy green, weight red, drag orange"
     return _arranged(_view(scene, title), plots, [2, 1])
 
 
 def side_by_side_blueprint(scenes: Mapping[str, Scene]) -> rrb.Blueprint:
     views = [_view(scene, label, f"{part(label)}/", len(scenes)) for label, scene in scenes.items()]
-    plots = [
-        _plot(entity, [f"/{part(label)}/plots/{entity}/**" for label in scenes]) for entity in PLOTS
+    rows = _rows(lambda entity: [f"/{part(label)}/plots/{entity}/**" for label in scenes])
+    differences = [
+        rrb.TimeSeriesView(origin="/", contents=[f"/difference/{entity}/**"], name=title)
+        for entity, title in DIFFERENCES.items()
     ]
-    return _arranged(rrb.Horizontal(*views), rrb.Vertical(*plots), [3, 1])
+    plots = rrb.Vertical(*rows, rrb.Tabs(*differences, active_tab=0))
+    return _arranged(rrb.Horizontal(*views), plots, [3, 1])
+
+
+def _rows(contents_of: Callable[[str], list[str]]) -> list[rrb.Tabs]:
+    """Rows of plots, those of one behind one another."""
+    return [
+        rrb.Tabs(*(_plot(entity, contents_of(entity)) for entity in row), active_tab=0)
+        for row in TABS
+    ]
 
 
 def _arranged(

@@ -65,8 +65,9 @@ def whole_length(path: Path) -> int:
 
 def read_series(path: str | Path) -> dict[str, tuple[Array, Array]]:
     """Times (N,) [s] and values (N,) of each series of a recording by run.py, by its name
-    <quantity>/<body>, as 'height/bunny' and 'height/bunny/water' [m], 'tilt/bunny' [deg],
-    'submerged/bunny' [of the volume], 'force/bunny' [weights].
+    <quantity>/<body>, as 'height/bunny', 'height/bunny/water', 'heave/bunny', 'surge/bunny' [m],
+    'tilt/bunny', 'heel/bunny', 'trim/bunny' [deg], 'submerged/bunny' [of the volume], 'force/bunny'
+    [weights].
 
     Raises FileNotFoundError, or ValueError for a file that has no series.
     """

@@ -8,8 +8,9 @@ Entities, all in world axes [m]:
     world/forces/<force>            arrows at the centres of mass: buoyancy, weight, drag
     world/trail                     where the centres of mass have just been
     world/focus                     what the camera looks at and moves with
-    plots/<quantity>/<body>         height and water height [m], tilt [deg], submerged
-                                    fraction [-], vertical buoyant force [weights]
+    plots/<quantity>/<body>         heave, surge, height and those of the water [m], tilt, heel and
+                                    trim [deg], submerged fraction [-], vertical buoyant force
+                                    [weights]
     others/<quantity>               the same of all bodies beyond MOST_PLOTTED, in one row, named
     overview                        scene, sea, hulls and settings; at the end the means
 
@@ -25,6 +26,7 @@ from typing import Self
 import numpy as np
 import rerun as rr
 
+from sim.coupling.motions import Motions
 from sim.coupling.scene import Scene
 from sim.coupling.simulation import Sample, Tally, observe
 from sim.drawing.display_mesh import DisplayMesh, DisplayMeshes
@@ -38,6 +40,7 @@ from sim.drawing.look import (
     WATER_PALETTE,
     WATER_SERIES_COLOUR,
     WATERLINE_COLOUR,
+    WATERS,
     WET_SHARE,
     WET_TINT,
     blueprint,
@@ -85,6 +88,8 @@ class SceneWriter:
         names = scene.buoyancy.body_names
         self._plotted, self._others = names[:MOST_PLOTTED], names[MOST_PLOTTED:]
         self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
+        self._motions = Motions(scene)
+        self._start = scene.data.xpos[scene.buoyancy.bodies, 0].copy()
         self._palettes = [
             palette(mesh.rgba[:3], mesh.rgba[:3] + WET_SHARE * (WET_TINT - mesh.rgba[:3]))
             for mesh in artist.meshes
@@ -171,7 +176,7 @@ class SceneWriter:
         for quantity, path in SERIES.items():
             for name, mesh in zip(self._plotted, meshes, strict=False):
                 colour, label, width = mesh.rgba[:3], name, 2.0
-                if quantity == "water_height":
+                if quantity in WATERS:
                     colour, label, width = WATER_SERIES_COLOUR, f"water at {name}", 1.0
                 line = rr.SeriesLines(names=label, colors=[rounded(colour)], widths=[width])
                 output.log(path.format(part(name)), line, static=True)
@@ -257,7 +262,13 @@ class SceneWriter:
         send("world/forces/weight", rr.Arrows3D.columns(origins=origins).partition(sizes))
 
     def _send_series(self, samples: list[Sample], send: Send) -> None:
+        motions = [self._motions.of(s) for s in samples]
         values = {
+            "heave": [m.heave for m in motions],
+            "water_above_level": [m.water for m in motions],
+            "surge": [s.positions[:, 0] - self._start for s in samples],
+            "heel_deg": [m.heel_deg for m in motions],
+            "trim_deg": [m.trim_deg for m in motions],
             "height": [s.centres[:, 2] for s in samples],
             "water_height": [s.elevations for s in samples],
             "tilt_deg": [np.degrees(s.tilts) for s in samples],

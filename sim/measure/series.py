@@ -4,10 +4,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coupling.hydrostatics import heel_and_trim, hydrostatics
+from sim.coupling.motions import Motions
 from sim.coupling.scene import Scene
 from sim.coupling.simulation import Sample
-from sim.geometry import rotation_matrix
 
 Array = NDArray[np.float64]
 
@@ -24,33 +23,24 @@ torques [N m] of buoyancy and drag about the centre of mass, all in world axes."
 
 
 class Series:
-    """Collects the samples of a scene. Heave is the height of a body's origin above the one at
-    which it rests in still water, or, where it does not, at which it started."""
+    """Collects the samples of a scene; heave, heel and trim as in `Motions`."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
+        self._motions = Motions(scene)
         self._rows: list[Array] = []
         self._times: list[float] = []
-        names = scene.buoyancy.body_names
-        self._rest = scene.data.xpos[scene.buoyancy.bodies, 2].copy()
-        for name, found in hydrostatics(scene, with_gz=False).items():
-            if name in names and found.height_m is not None:
-                self._rest[names.index(name)] = found.height_m
-        self._still = float(scene.buoyancy.sea.level)
 
     def add(self, sample: Sample) -> None:
         """Count one sample in, while the scene is at it."""
-        level = float(self._scene.buoyancy.sea.level_at(sample.time)) - self._still
-        turned = [rotation_matrix(quaternion) for quaternion in sample.quaternions]
-        angles = np.degrees([heel_and_trim(rotation) for rotation in turned])
+        motion = self._motions.of(sample)
         self._times.append(sample.time)
         self._rows.append(
             np.column_stack(
                 [
                     sample.positions, sample.quaternions, self._velocities(), sample.elevations,
-                    sample.positions[:, 2] - self._rest - level, angles,
-                    np.degrees(sample.tilts), sample.submerged_fractions, sample.body_wrenches,
-                    sample.drag_wrenches,
+                    motion.heave, motion.heel_deg, motion.trim_deg, np.degrees(sample.tilts),
+                    sample.submerged_fractions, sample.body_wrenches, sample.drag_wrenches,
                 ]
             )
         )  # fmt: skip
