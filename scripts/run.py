@@ -44,6 +44,7 @@ from sim.coupling.files import model_files
 from sim.coupling.numbers import MOST_THREADS
 from sim.coupling.simulation import check_run
 from sim.drawing.frame import MOST_RESOLUTION
+from sim.drawing.look import COLOURS
 from sim.measure.series import Series
 from sim.measure.tables import check_ending, write_columns
 from sim.water.head import PRESSURES
@@ -90,6 +91,9 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         metavar="N",
         help="its vertices a side (48)",
     )
+    parser.add_argument(
+        "--colour", choices=COLOURS, default=COLOURS[0], help="of the hulls (wet parts darker)"
+    )
     parser.add_argument("--view", action="store_true", help="show the run in a viewer as it goes")
     parser.add_argument(
         "--series", type=Path, metavar="FILE", help="write all samples there: .csv .parquet .npz"
@@ -133,7 +137,9 @@ def open_recorder(
     if recording is None and not options.view:
         return None
     water = options.water_size, options.water_resolution
-    return Recorder(recording, scene, options.record_rate, *water, options.view)
+    return Recorder(
+        recording, scene, options.record_rate, *water, options.view, colour=options.colour
+    )
 
 
 def run(

@@ -366,10 +366,16 @@ def report_loading(options: argparse.Namespace) -> int:
 def report_random(options: argparse.Namespace) -> int:
     """The same for random hulls in random seas: what the default tolerance leaves and takes."""
     cases: list[RandomCase] = []
-    with progress(options.random, "cases") as bar:
-        for case in random_cases(options.random, options.seed):
-            cases.append(case)
-            bar.update(1)
+    status = 0
+    try:
+        with interruptible(), progress(options.random, "cases") as bar:
+            for case in random_cases(options.random, options.seed):
+                cases.append(case)
+                bar.update(1)
+    except KeyboardInterrupt:
+        print("speed_vs_error.py: interrupted", file=sys.stderr)
+        status = INTERRUPTED
+    tried = len(cases)
     write_json(options.json, {"cases": [asdict(case) for case in cases]})
     cases = [c for c in cases if c.error == c.error]  # others have no reference
     kept = [c for c in cases if not c.is_coarsened]
@@ -385,9 +391,9 @@ def report_random(options: argparse.Namespace) -> int:
     ]  # fmt: skip
     titles = ("", "cases", "largest error", "median", "longest s", "most patches", "largest of")
     print_table(titles, cells)
-    if len(cases) < options.random:
-        print(f"{options.random - len(cases)} cases that the reference does not converge in")
-    return 0
+    if len(cases) < tried:
+        print(f"{tried - len(cases)} cases that the reference does not converge in")
+    return status
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -497,3 +497,23 @@ def test_geoms_without_a_name_and_united_ones_are_recorded(tmp_path):
         for sample in simulate(scene, 0.2):
             recorder.log(sample)
     assert len(read_series(path)["height/b"][0]) == 7
+
+
+def test_hulls_may_be_coloured_by_the_pressure(tmp_path):
+    """Grey where they are dry, else the redder the higher the head; the legend is in the overview."""
+    scene, path = Scene.load(MODELS / "cube.xml"), tmp_path / "p.rrd"
+    artist = Artist(scene, DisplayMeshes(scene.buoyancy), None, 8, "pressure")
+    *_, sample = simulate(scene, 3.0)
+    frame = artist.frame(sample)
+    points = artist.meshes.placed(sample)
+    heads = scene.buoyancy.sea.head(*points.T, sample.time)
+    assert ((frame.wetness == 0) == (heads <= 0.0)).all()
+    wet = heads > 0.0
+    order = np.argsort(heads[wet])
+    assert (np.diff(frame.wetness[wet][order].astype(int)) >= 0).all()
+    assert frame.wetness.max() > 100
+    with Recorder(path, scene, colour="pressure") as recorder:
+        recorder.log(sample)
+    assert "dark red at 1 m and more" in last_overview(path)
+    with pytest.raises(ValueError, match="the colour is 'heat'; expected wet or pressure"):
+        Recorder(path, scene, colour="heat")

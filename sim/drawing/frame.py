@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sim.coupling.scene import Scene
 from sim.coupling.simulation import Sample
 from sim.drawing.display_mesh import DisplayMeshes
-from sim.drawing.look import MOST_PLOTTED, extent, shades
+from sim.drawing.look import COLOURS, MOST_PLOTTED, extent, shades
 from sim.drawing.waterline_curves import heads, waterlines
 
 Array = NDArray[np.float64]
@@ -60,18 +60,30 @@ class Artist:
 
     meshes: the hulls' drawn surfaces; is_shaded: whether their wet parts are told apart;
     water_faces: (F, 3) of the water's particles. water_size [m]: side of the water's square, None
-    for one that fits the bodies; water_resolution: vertices along that side.
+    for one that fits the bodies; water_resolution: vertices along that side; colour: of COLOURS.
+    largest_head [m]: of hulls coloured by the pressure, at the dark end of it, else None.
     """
 
     def __init__(
-        self, scene: Scene, meshes: DisplayMeshes, water_size: float | None, water_resolution: int
+        self,
+        scene: Scene,
+        meshes: DisplayMeshes,
+        water_size: float | None,
+        water_resolution: int,
+        colour: str = COLOURS[0],
     ) -> None:
+        if colour not in COLOURS:
+            raise ValueError(f"the colour is '{colour}'; expected {' or '.join(COLOURS)}")
         _check_water(water_size, water_resolution)
         self.meshes = meshes
         self.is_shaded = meshes.vertex_count <= MOST_SHADED_VERTICES
         self.water_faces = _grid_faces(water_resolution)
         self._sea = scene.buoyancy.sea
         side = water_size or extent(scene, WATER_IN_HULLS, WATER_IN_SPREADS)
+        self.largest_head: float | None = None
+        if colour == "pressure":  # as deep as the largest hull is high, whichever way up
+            hulls = [f.method.hull for f in scene.buoyancy.floats]
+            self.largest_head = max(float(np.sort(np.ptp(h.bounds, axis=0))[1]) for h in hulls)
         self._steps = 0.5 * side * np.linspace(-1.0, 1.0, water_resolution)
         self._wetness_per_metre = np.empty(meshes.vertex_count)
         for mesh in meshes:  # from dry to wet within half an edge
@@ -92,9 +104,18 @@ class Artist:
             particles=particles.astype(np.float32),
             heights=shades(heights),
             curves=[curve.astype(np.float32) for curve in thinned(curves, MOST_WATERLINE_POINTS)],
-            wetness=shades(depths * self._wetness_per_metre) if self.is_shaded else None,
+            wetness=self._shades(points, depths, sample.time) if self.is_shaded else None,
             trail=self._trails(sample),
         )
+
+    def _shades(self, points: Array, depths: Array, time: float) -> NDArray[np.uint8]:
+        """How dark each vertex is: wet or not, or by the pressure head there."""
+        if self.largest_head is None:
+            return shades(depths * self._wetness_per_metre)
+        shares = np.full(len(points), -1.0)
+        wet = depths > 0.0
+        shares[wet] = 2.0 * self._sea.head(*points[wet].T, time) / self.largest_head - 1.0
+        return np.where(wet, np.maximum(shades(shares), 1), 0).astype(np.uint8)
 
     def forget(self) -> None:
         """Draw the next sample as the first."""

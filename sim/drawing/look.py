@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sim.coupling.scene import Scene
 from sim.coupling.simulation import Tally
 from sim.drawing.output import part
+from sim.hull import Hull
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -16,6 +17,9 @@ Array = NDArray[np.float64]
 EYE_IN_HULLS, EYE_IN_SPREADS = 2.6, 0.9
 """Distance of the eye from what it looks at, likewise: near enough for the waterline, far enough to
 have all bodies and a wave or two around them."""
+
+SLENDER = 3.2
+"""Cube roots of its volume that a slender hull counts as long as: seen whole it would be a line."""
 
 EYE_DIRECTION = np.array([-0.49, -0.78, 0.39])
 
@@ -37,13 +41,22 @@ WATER_SERIES_COLOUR = np.array([90.0, 150.0, 200.0])
 WATERLINE_COLOUR = (255, 255, 255)
 FORCE_COLOURS = {"buoyancy": (80, 200, 120), "weight": (220, 80, 60), "drag": (240, 180, 60)}
 
+COLOURS = ("wet", "pressure")
+"""What hulls may be coloured by: their own colours, darker where they are wet, or the pressure."""
+
+LEAST_HEAD_COLOUR, LARGEST_HEAD_COLOUR = (
+    np.array([250.0, 235.0, 160.0]),
+    np.array([150.0, 20.0, 40.0]),
+)
+DRY_COLOUR = np.array([170.0, 175.0, 180.0])
+
 PLOTS = {
-    "heave": "Heave of the body, height of the water [m]",
-    "height": "Height of body and water [m]",
-    "surge": "Surge, from the start [m]",
+    "heave": "Heave, and the water [m]",
+    "height": "Height [m]",
+    "surge": "Surge [m]",
     "tilt": "Tilt [deg]",
-    "heel": "Heel, starboard down [deg]",
-    "trim": "Trim, bow down [deg]",
+    "heel": "Heel [deg]",
+    "trim": "Trim [deg]",
     "force": "Buoyant force [weights]",
     "submerged": "Submerged [of the volume]",
 }
@@ -53,8 +66,8 @@ TABS = (("heave", "height", "surge"), ("tilt", "heel", "trim"), ("force", "subme
 """Views that lie behind one another, from the top."""
 
 DIFFERENCES = {
-    "heave": "Heave, difference to the first [m]",
-    "tilt": "Tilt, difference to the first [deg]",
+    "heave": "Heave, off the first [m]",
+    "tilt": "Tilt, off the first [deg]",
 }
 """What is plotted of twins, one of which would hide the other."""
 
@@ -110,17 +123,27 @@ def palette(first: Array, last: Array) -> NDArray[np.uint32]:
 
 WATER_PALETTE = palette(TROUGH_COLOUR, CREST_COLOUR)
 
+HEAD_PALETTE = palette(LEAST_HEAD_COLOUR, LARGEST_HEAD_COLOUR)
+HEAD_PALETTE[0] = palette(DRY_COLOUR, DRY_COLOUR)[0]
+"""By the pressure head over its largest; what is dry is grey."""
+
+
+def apparent_size(hull: Hull) -> float:
+    """How large [m] a hull is to the eye: its longest side, or, of a slender one, less."""
+    return float(min(np.ptp(hull.bounds, axis=0).max(), SLENDER * np.cbrt(hull.volume)))
+
 
 def extent(scene: Scene, in_hulls: float, in_spreads: float) -> float:
     """A length [m] that goes with the largest hull and with how far the bodies are apart."""
     buoyancy = scene.buoyancy
-    largest = max(np.ptp(f.method.hull.bounds, axis=0).max() for f in buoyancy.floats)
+    largest = max(apparent_size(f.method.hull) for f in buoyancy.floats)
     spread = np.ptp(scene.data.xipos[buoyancy.bodies, :2], axis=0).max()
     return float(in_hulls * largest + in_spreads * spread)
 
 
-def overview(scene: Scene, tally: Tally) -> str:
-    """Scene, sea, hulls and settings as Markdown; with samples in the tally, the means too."""
+def overview(scene: Scene, tally: Tally, largest_head: float | None = None) -> str:
+    """Scene, sea, hulls and settings as Markdown; with samples in the tally, the means too; with a
+    largest head [m] the legend of hulls that are coloured by the pressure."""
     floats, timestep = scene.buoyancy.floats, scene.model.opt.timestep
     lines = [
         f"**{scene.name}**, timestep {1e3 * timestep:g} ms, {sea_in_words(scene.buoyancy.sea)}"
@@ -132,6 +155,10 @@ def overview(scene: Scene, tally: Tally) -> str:
         lines.append(f"- {f.name}: {len(hull.faces):,} faces, {hull.volume:.4g} m³, {method}")
     if len(floats) > MOST_PLOTTED:
         lines.append(f"- and {len(floats) - MOST_PLOTTED} more")
+    if largest_head is not None:
+        lines.append(
+            f"- colours: pressure head, from pale at 0 to dark red at {largest_head:.2g} m and more"
+        )
     if tally.last is None:
         return "\n".join(lines)
     lines += ["", "| mean of | height m | tilt ° | submerged | force/weight |", "|--|--|--|--|--|"]

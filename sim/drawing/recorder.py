@@ -32,7 +32,9 @@ from sim.coupling.simulation import Sample, Tally, observe
 from sim.drawing.display_mesh import DisplayMesh, DisplayMeshes
 from sim.drawing.frame import WATER_RESOLUTION, Artist, Frame
 from sim.drawing.look import (
+    COLOURS,
     FORCE_COLOURS,
+    HEAD_PALETTE,
     MOST_PLOTTED,
     OTHER_SERIES,
     SERIES,
@@ -50,8 +52,9 @@ from sim.drawing.look import (
 )
 from sim.drawing.output import VIEWER_PORT, Output, Send, Sink, part
 
-ARROW_IN_HULLS = 0.55
-"""Length of the weight's arrow in diagonals of the body's largest hull."""
+ARROW_IN_HULLS, WIDEST_ARROW = 0.55, 1.6
+"""Length of the weight's arrow in diagonals of the body's largest hull, and of these in cube roots
+of the volume that it displaces at most: a slender hull's arrow would be longer than itself."""
 
 BATCH_SECONDS = 1.0
 """Simulated time that is sent at once, in columns: a row by itself costs ten times as much."""
@@ -92,6 +95,8 @@ class SceneWriter:
         self._start = scene.data.xpos[scene.buoyancy.bodies, 0].copy()
         self._palettes = [
             palette(mesh.rgba[:3], mesh.rgba[:3] + WET_SHARE * (WET_TINT - mesh.rgba[:3]))
+            if artist.largest_head is None
+            else HEAD_PALETTE
             for mesh in artist.meshes
         ]
         self._log_static()
@@ -157,7 +162,10 @@ class SceneWriter:
         """Colours and widths of all lines; a body's weight is as long as ARROW_IN_HULLS says."""
         output, meshes = self._output, self._artist.meshes.of_bodies()
         sizes = np.array([mesh.size for mesh in meshes])
-        self._metres_per_newton = (ARROW_IN_HULLS * sizes / self._weights)[:, None]
+        density = self.scene.buoyancy.sea.density
+        displaced = self._weights / (density * -self.scene.model.opt.gravity[2])
+        lengths = ARROW_IN_HULLS * np.minimum(sizes, WIDEST_ARROW * np.cbrt(displaced))
+        self._metres_per_newton = (lengths / self._weights)[:, None]
         weight = self._weights[:, None] * [0.0, 0.0, -1.0]
         for name, colour in FORCE_COLOURS.items():
             arrows = rr.Arrows3D.from_fields(colors=[colour], radii=0.014 * sizes)
@@ -189,7 +197,7 @@ class SceneWriter:
         return f"world/bodies/{part(body)}/{part(mesh.name)}"
 
     def _log_overview(self) -> None:
-        text = overview(self.scene, self._tally)
+        text = overview(self.scene, self._tally, self._artist.largest_head)
         document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
         self._output.log("overview", document, static=True)
 
@@ -339,8 +347,9 @@ class Recorder(Recording):
 
     path: of the file, or None for none; rate: frames a simulated second [Hz] at most, None for
     one a sample; water_size [m]: side of the water's square; water_resolution: vertices along
-    that side; view: open a viewer, or use the one that is open, and show the run as it goes; port:
-    where that listens. frames, seconds: how many there are by now, and the wall time they took.
+    that side; colour: what hulls are coloured by, "wet" or "pressure"; view: open a viewer, or use
+    the one that is open, and show the run as it goes; port: where that listens. frames, seconds:
+    how many there are by now, and the wall time they took.
 
     The file is readable whenever the block is left, by an exception too. Missing folders are
     made. Raises OSError when the file cannot be written, now or later (what was written until a
@@ -357,10 +366,11 @@ class Recorder(Recording):
         water_resolution: int = WATER_RESOLUTION,
         view: bool = False,
         port: int = VIEWER_PORT,
+        colour: str = COLOURS[0],
     ) -> None:
         if rate is not None and not (np.isfinite(rate) and rate > 0.0):
             raise ValueError(f"the recording rate is {rate}; it must be finite and above 0")
-        artist = Artist(scene, DisplayMeshes(scene.buoyancy), water_size, water_resolution)
+        artist = Artist(scene, DisplayMeshes(scene.buoyancy), water_size, water_resolution, colour)
         self.path = None if path is None else Path(path)
         output = Output(self.path, scene.name, blueprint(scene), view, port)
         longest_wait = LONGEST_WAIT_TO_VIEW if view else LONGEST_WAIT
