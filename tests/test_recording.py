@@ -500,7 +500,7 @@ def test_geoms_without_a_name_and_united_ones_are_recorded(tmp_path):
 
 
 def test_hulls_may_be_coloured_by_the_pressure(tmp_path):
-    """Grey where they are dry, else the redder the higher the head; the legend is in the overview."""
+    """Grey where they are dry, else the redder the higher the head; the overview has a legend."""
     scene, path = Scene.load(MODELS / "cube.xml"), tmp_path / "p.rrd"
     artist = Artist(scene, DisplayMeshes(scene.buoyancy), None, 8, "pressure")
     *_, sample = simulate(scene, 3.0)

@@ -109,10 +109,8 @@ def _samples(scene: Scene, duration: float, rate: float, watched: bool) -> Itera
         due = min(max(due, step + 1), last_step)
         if watched:
             watch.begin()
-        started = perf_counter()
         with scene.buoyancy.installed():
-            _advance(scene, due - step, watch, watched)
-        step_seconds += perf_counter() - started
+            step_seconds += _advance(scene, due - step, watch, watched)
         if watched:
             watch.check()
         step = due
@@ -120,9 +118,10 @@ def _samples(scene: Scene, duration: float, rate: float, watched: bool) -> Itera
         yield observe(scene, step, step_seconds, buoyancy_seconds)
 
 
-def _advance(scene: Scene, steps: int, watch: Watch, watched: bool) -> None:
-    """So many steps in one call. Where MuJoCo had to reset the state they are taken again one by
-    one, which raises DivergenceError in time, or shows a contact that came and went in between."""
+def _advance(scene: Scene, steps: int, watch: Watch, watched: bool) -> float:
+    """So many steps in one call, and the seconds that they took. Where MuJoCo had to reset the
+    state they are taken again one by one, which raises DivergenceError in time, or shows a contact
+    that came and went in between."""
     model, data = scene.model, scene.data
     before, counts = np.empty(mujoco.mj_stateSize(model, RESUMABLE)), data.warning.number
     counts_before = counts.copy()
@@ -130,14 +129,17 @@ def _advance(scene: Scene, steps: int, watch: Watch, watched: bool) -> None:
     if not np.isfinite(data.time):
         name = scene.buoyancy.body_names[0]
         raise DivergenceError(name, data.time, "time is not finite", "set data.time to a number")
+    started = perf_counter()
     mujoco.mj_step(model, data, steps)
+    spent = perf_counter() - started
     if np.array_equal(counts, counts_before) and (not watched or watch.is_explained()):
-        return
+        return spent
     counts[:] = counts_before
     mujoco.mj_setState(model, data, before, RESUMABLE)
     for _ in range(steps):
         _step(scene, watch.start)
         watch.touched()
+    return spent
 
 
 def _step(scene: Scene, start: Array) -> None:

@@ -56,6 +56,9 @@ class Watch:
         self._before = self._gains
         self._power = self._gains
         self._began = scene.data.time
+        self._found: Array | None = None  # changes at the state that was looked at last
+        self._is_others = np.ones(scene.model.nbody, dtype=bool)
+        self._is_others[scene.buoyancy.bodies] = False
         self._groups = np.arange(scene.model.nbody)  # which one each tree, by its root, belongs to
         for one, other in _tied(scene.model):
             self._unite(one, other)
@@ -63,24 +66,26 @@ class Watch:
     def begin(self) -> None:
         """Take the energy as it is now as given."""
         self._before = energies(self.scene)
-        self._power = powers(self.scene)
+        self._power = powers(self.scene, self._is_others)
         self._began = self.scene.data.time
 
     def touched(self) -> None:
         """Remember which bodies are in contact: they may have one another's energy from then on."""
         model, data = self.scene.model, self.scene.data
+        self._found = None
         for pair in model.geom_bodyid[data.contact.geom] if data.ncon else ():
             self._unite(*model.body_rootid[pair])
 
     def is_explained(self) -> bool:
         """Whether the energy gained is no more than what explains it."""
         self.touched()
-        return callback.is_other_set() or not (self._excess(self._changes()) > 0.0).any()
+        self._found = self._changes()
+        return callback.is_other_set() or not (self._excess(self._found) > 0.0).any()
 
     def check(self) -> None:
         """Count in what was gained since `begin`. Raises DivergenceError when it cannot be
         explained."""
-        changes = self._changes()
+        changes = self._changes() if self._found is None else self._found
         self.touched()
         if callback.is_other_set():
             self._gains = np.zeros_like(self._gains)
@@ -95,7 +100,7 @@ class Watch:
     def _changes(self) -> Array:
         """Energy (nbody,) [J] gained since the start, without what actuators and forces that the
         user applies can have put in."""
-        power = np.maximum(self._power, powers(self.scene))
+        power = np.maximum(self._power, powers(self.scene, self._is_others))
         work = np.maximum(power, 0.0) * (self.scene.data.time - self._began)
         return self._gains + energies(self.scene) - self._before - MARGIN * work
 
@@ -162,13 +167,13 @@ def _has_spring(model: mujoco.MjModel) -> NDArray[np.bool_]:
     return np.reshape(model.jnt_stiffness != 0.0, (model.njnt, -1)).any(axis=1)
 
 
-def powers(scene: Scene) -> Array:
-    """Power (nbody,) [W] that actuators and forces which the user applies feed each body."""
+def powers(scene: Scene, is_others: NDArray[np.bool_]) -> Array:
+    """Power (nbody,) [W] that actuators and forces which the user applies feed each body; rows of
+    xfrc_applied are the user's where is_others (nbody,) says so."""
     model, data = scene.model, scene.data
     of_dofs = (data.qfrc_actuator + data.qfrc_applied) * data.qvel
     found = np.bincount(model.dof_bodyid, of_dofs, model.nbody)
-    pushed = np.flatnonzero(data.xfrc_applied.any(axis=1))
-    for body in np.setdiff1d(pushed, scene.buoyancy.bodies):
+    for body in np.flatnonzero(data.xfrc_applied.any(axis=1) & is_others):
         velocity = np.zeros(6)  # rotation first
         kind = mujoco.mjtObj.mjOBJ_BODY  # a body's inertial frame
         mujoco.mj_objectVelocity(model, data, kind, int(body), velocity, 0)
@@ -186,7 +191,8 @@ def energies(scene: Scene) -> Array:
     mujoco.mj_comVel(model, data)
     angular, at_reference = data.cvel[:, :3], data.cvel[:, 3:]
     arm = data.xipos - data.subtree_com[model.body_rootid]
-    linear = at_reference + np.cross(angular, arm)
+    turning = [np.roll(angular, -n, 1) * np.roll(arm, n, 1) for n in (1, -1)]
+    linear = at_reference + turning[0] - turning[1]  # angular x arm, as fast as can be
     axes = data.ximat.reshape(-1, 3, 3)
     own = np.einsum("bij,bi->bj", axes, angular)
     found = 0.5 * (model.body_mass * (linear**2).sum(1) + (model.body_inertia * own**2).sum(1))
