@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from sim import Hull, Patches, Sea, Wave
+from sim import Hull, Patches, Reference, Sea, Wave
 from sim.geometry import across, area_vectors, areas, cone_volumes, sides, split_triangles
+from sim.measure.accuracy import errors, wrenches
 from sim.measure.random_cases import random_cases
+from sim.measure.seas import waterline_poses
 from sim.methods import patch_sizes
 from sim.methods.patch_sizes import MOST_PATCHES, MOST_TRIANGLES, default_tolerance
 from sim.water.fit import jet_tolerance
@@ -89,3 +91,21 @@ def test_waves_much_shorter_than_patches_are_averaged_and_not_extrapolated():
         sea = Sea([swell, *ripples], pressure=pressure)
         assert jet_tolerance(sea, 1.7) < 0.2  # with one disc for all waves 17
         assert jet_tolerance(Sea(ripples, pressure=pressure), 1e5) < 4.0 * 0.05
+
+
+@pytest.mark.parametrize(
+    ("extents", "length"),
+    [((20.0, 0.01, 0.01), 4.0), ((20.0, 0.02, 0.02), 15.0), ((10.0, 10.0, 0.1), 8.0)],
+)
+def test_slender_and_flat_hulls_are_as_right_as_others(extents, length):
+    """By their longest side alone they would be ten times as wrong, the second one by a hundredth
+    of the water's weight."""
+    hull, sea = box(extents), Sea([Wave(0.16 * length / TURN, length, 0.3)])
+    poses = waterline_poses(hull, sea, 3, seed=1)
+    truth = wrenches(Reference(hull, sea, 1e-5), poses)
+    by_depth, by_length = (
+        errors(wrenches(method, poses), truth, method).force_max
+        for method in (Patches(hull, sea), Patches(hull, sea, max(extents) / 400.0))
+    )
+    assert by_depth < 5e-4
+    assert by_depth < 0.2 * by_length
