@@ -95,11 +95,23 @@ def at_least(lowest: int, highest: int = MOST) -> Callable[[str], int]:
     return read
 
 
+def named_number(text: str) -> tuple[str, float]:
+    """A name and a number above 0 from the command line, "NAME=NUMBER"."""
+    name, equals, number = text.rpartition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"'{text}': expected NAME=NUMBER")
+    return name, positive(number)
+
+
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
     """What says how a scene differs from its file."""
     parser.add_argument(
         "--set", action="append", default=[], dest="settings", metavar="NAME=VALUE",
         help='overrules a custom field ("wave_swell=0.2 4 0 0", wave_swell.amplitude=0.2)',
+    )  # fmt: skip
+    parser.add_argument(
+        "--density", action="append", default=[], type=named_number, dest="densities",
+        metavar="GEOM=KG/M3", help="of a geom, instead of the file's",
     )  # fmt: skip
     parser.add_argument("--keyframe", metavar="NAME", help="to start from (the first)")
     parser.add_argument(

@@ -105,6 +105,7 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
                 pressure=options.pressure,
                 settings=settings_of(options),
                 keyframe=options.keyframe,
+                densities=dict(options.densities),
             )
             scene.compile_kernels()
             same = sum(label.split(" ")[0] == text for label in twins)

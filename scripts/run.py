@@ -124,6 +124,7 @@ def load(path: Path, options: argparse.Namespace) -> Scene:
             options.pressure,
             settings_of(options),
             options.keyframe,
+            dict(options.densities),
         )
         scene.compile_kernels()
         observe(scene)

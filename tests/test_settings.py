@@ -74,6 +74,22 @@ def test_the_command_line_has_settings_keyframes_and_seeds(tmp_path, capsys):
     assert "there is no keyframe 'up'; the scene has 'low', 'high'" in capsys.readouterr().err
 
 
+def test_geoms_may_have_other_densities(tmp_path, capsys):
+    path = tmp_path / "s.xml"
+    path.write_text(xml(CUBE))
+    assert Scene.load(path, densities={"cube": 100.0}).model.body_mass[1] == pytest.approx(100.0)
+    assert Scene.load(path).model.body_mass[1] == pytest.approx(512.5)
+    short = ("--no-record", "--duration", "0.1", "--quiet")
+    assert status_of("run.py", path, *short, "--density", "cube=300") == 0
+    capsys.readouterr()
+    assert status_of("run.py", path, *short, "--density", "ball=300") == 2
+    assert "there is no geom 'ball'; the scene has 'cube'" in capsys.readouterr().err
+    own = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    path.write_text(xml(CUBE.replace("<freejoint/>", "<freejoint/>" + own)))
+    assert status_of("run.py", path, *short, "--density", "cube=300") == 2
+    assert "has an <inertial> of its own" in capsys.readouterr().err
+
+
 def moments(waves) -> tuple[float, float, float]:
     """m0, m2 and m4 of waves by their frequencies."""
     energy = 0.5 * np.array([w.amplitude for w in waves]) ** 2

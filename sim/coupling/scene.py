@@ -1,6 +1,6 @@
 """Scene: an MJCF file as something that can be stepped: model, data and buoyancy."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,27 +32,18 @@ class Scene:
         pressure: str | None = None,
         settings: Iterable[str] = (),
         keyframe: str | None = None,
+        densities: Mapping[str, float] | None = None,
     ) -> "Scene":
         """Compile an MJCF file and put it into a keyframe, by its name, or the first one, if it has
         one.
 
         method, tolerance, timestep [s], threads and pressure overrule what the file says, settings
-        its custom fields ("wave_swell=0.2 4 0 0", see `settings`). Raises
-        FileNotFoundError, or ModelError with all that is wrong with the file; warns by a Note of
+        its custom fields ("wave_swell=0.2 4 0 0", see `settings`), densities [kg/m^3] those of
+        geoms by their names. Raises FileNotFoundError, or ModelError with all that is wrong with the file; warns by a Note of
         what is likely not meant, and of bodies that will not stay as they start.
         """
         path = Path(path)
-        if not path.is_file():
-            raise FileNotFoundError(f"there is no scene file {path}; give the path of an MJCF file")
-        try:
-            str(path).encode()
-        except UnicodeEncodeError:
-            raise ValueError(f"{path}: MuJoCo opens only names in UTF-8; rename it") from None
-        try:
-            model = mujoco.MjModel.from_xml_path(str(path))
-        except ValueError as error:
-            reason = " ".join(str(error).split())  # MuJoCo's message has several lines
-            raise ValueError(f"{path}: MuJoCo cannot compile it: {reason}") from None
+        model = _compiled(path, densities or {})
         try:
             return cls.from_model(
                 model, path.stem, method, tolerance, timestep, threads, pressure, settings,
@@ -103,6 +94,41 @@ class Scene:
         with self.buoyancy.installed():
             mujoco.mj_forward(self.model, spare)
         self.buoyancy.reset_clock()
+
+
+def _compiled(path: Path, densities: Mapping[str, float]) -> mujoco.MjModel:
+    """The model of an MJCF file, geoms of other densities in it. Raises ValueError, OSError."""
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no scene file {path}; give the path of an MJCF file")
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise ValueError(f"{path}: MuJoCo opens only names in UTF-8; rename it") from None
+    try:
+        if not densities:
+            return mujoco.MjModel.from_xml_path(str(path))
+        spec = mujoco.MjSpec.from_file(str(path))
+        _make_dense(spec, densities)
+        return spec.compile()
+    except ModelError as error:
+        raise error.located(str(path)) from None
+    except ValueError as error:
+        reason = " ".join(str(error).split())  # MuJoCo's message has several lines
+        raise ValueError(f"{path}: MuJoCo cannot compile it: {reason}") from None
+
+
+def _make_dense(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:
+    """Give geoms other densities [kg/m^3]. Raises ModelError."""
+    for name, density in densities.items():
+        geom = spec.geom(name)
+        if geom is None:
+            known = ", ".join(f"'{g.name}'" for g in spec.geoms if g.name)
+            raise ModelError([f"density: there is no geom '{name}'; the scene has {known}"])
+        if geom.parent.explicitinertial:
+            raise ModelError(
+                [f"density: the body of geom '{name}' has an <inertial> of its own; take it away"]
+            )
+        geom.density, geom.mass = density, np.nan  # NaN: by the density
 
 
 def _keyframe(model: mujoco.MjModel, name: str | None) -> int:
