@@ -39,8 +39,9 @@ class Scene:
 
         method, tolerance, timestep [s], threads and pressure overrule what the file says, settings
         its custom fields ("wave_swell=0.2 4 0 0", see `settings`), densities [kg/m^3] those of
-        geoms by their names. Raises FileNotFoundError, or ModelError with all that is wrong with the file; warns by a Note of
-        what is likely not meant, and of bodies that will not stay as they start.
+        geoms by their names. Raises FileNotFoundError, or ModelError with all that is wrong with
+        the file; warns by a Note of what is likely not meant, and of bodies that will not stay as
+        they start.
         """
         path = Path(path)
         model = _compiled(path, densities or {})
