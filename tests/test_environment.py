@@ -21,7 +21,7 @@ def run(arguments, folder, python=(), close=(), **options) -> tuple[int, list[st
             os.close(number)
 
     done = subprocess.run(
-        [sys.executable, *python, RUN, *arguments], cwd=folder, preexec_fn=shut, timeout=60,
+        [sys.executable, *python, RUN, *arguments], cwd=folder, preexec_fn=shut, timeout=300,
         **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options,
     )  # fmt: skip
     return done.returncode, (done.stderr or b"").decode(errors="replace").splitlines()
