@@ -10,7 +10,7 @@ from sim.measure.accuracy import errors, wrenches
 from sim.measure.random_cases import random_cases
 from sim.measure.seas import waterline_poses
 from sim.methods import patch_sizes
-from sim.methods.patch_sizes import MOST_PATCHES, MOST_TRIANGLES, default_tolerance
+from sim.methods.patch_sizes import FEW, MOST_PATCHES, MOST_TRIANGLES, default_tolerance
 from sim.water.fit import jet_tolerance
 from sim.water.head import PRESSURES
 
@@ -52,9 +52,8 @@ def test_the_default_tolerance_has_a_budget(extents, steepness):
     assert np.count_nonzero(method.tree.leaves["triangles"]) <= 1.2 * MOST_TRIANGLES  # estimated
     wished = default_tolerance(hull)
     assert (method.tolerance > wished) == bool(method.notes)
-    assert method.tolerance >= wished
     if not method.notes:
-        assert method.tolerance == wished
+        assert method.tolerance == wished or len(method.tree.patches) < 4 * FEW
     else:  # no more than it takes: the budget is used
         assert len(method.tree.patches) > 0.5 * MOST_PATCHES or max(extents) == 20.0
 

@@ -6,7 +6,7 @@ refused before anything is cut; the default one is kept where it takes no more t
 MOST_TRIANGLES, and else is what so many reach.
 
 How many there will be is estimated from the hull's area and length. On boxes, cylinders and
-meshes, flat and slender ones, the estimates were within a factor of two of the counts.
+meshes, flat and slender ones, the estimates were within a factor of three of the counts.
 """
 
 from typing import NamedTuple
@@ -27,6 +27,10 @@ OF_LENGTH, OF_DEPTH = 1.0 / 400.0, 1.0 / 30.0
 that it shows along an axis, whichever is less. A head that was off by it everywhere would change
 the force by OF_DEPTH of the displaced water's weight; errors within a patch and of several cancel,
 so 1e-3 of it is left at most, of many patches a tenth of that (`speed_vs_error.py --random`)."""
+
+FEW, OF_DEPTH_FEW = 30, 1.0 / 100.0
+"""Of fewer patches, as estimated, errors do not cancel: they keep to so much of the depth, which
+costs little."""
 
 MOST_PATCHES, MOST_TRIANGLES = 4_000, 40_000
 """Of a hull at the default tolerance; triangles besides twice its own. It is then cut within a
@@ -51,9 +55,9 @@ class Sizes(NamedTuple):
 
 
 def default_tolerance(hull: Hull) -> float:
-    """The tolerance [m] that a hull has where none is asked for, if it can be kept."""
-    depth = hull.volume / (0.5 * np.abs(hull.area_vectors).sum(axis=0).max())
-    return float(min(OF_LENGTH * _length(hull), OF_DEPTH * depth))
+    """The tolerance [m] that a hull has where none is asked for, if it can be kept; of FEW patches
+    less."""
+    return min(OF_LENGTH * _length(hull), OF_DEPTH * _depth(hull))
 
 
 def cut(hull: Hull, sea: Sea, tolerance: float | None) -> tuple[Sizes, PatchTree]:
@@ -94,6 +98,9 @@ def _default(hull: Hull, sea: Sea, most: int) -> Sizes:
     tolerance that they keep."""
     tolerance, least = default_tolerance(hull), _radius_of(hull, most)
     radius = jet_radius(sea, tolerance, _reach(hull), least)
+    if radius > _radius_of(hull, FEW) and radius < np.inf:
+        tolerance = min(tolerance, OF_DEPTH_FEW * _depth(hull))
+        radius = jet_radius(sea, tolerance, _reach(hull), least)
     if radius < least:
         radius, tolerance = least, jet_tolerance(sea, least)
     waves = jet_waves(sea, radius)
@@ -108,6 +115,11 @@ def _reach(hull: Hull) -> float:
     """Radius [m] of a patch that is all of the hull."""
     sizes = np.linalg.norm(hull.area_vectors, axis=1)
     return enclosing_ball(hull.vertices[hull.faces], sizes)[1]
+
+
+def _depth(hull: Hull) -> float:
+    """Volume over the largest area [m] that a hull shows along an axis."""
+    return float(hull.volume / (0.5 * np.abs(hull.area_vectors).sum(axis=0).max()))
 
 
 def _length(hull: Hull) -> float:
