@@ -51,6 +51,7 @@ class Watch:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.start = scene.data.qpos.copy()
+        mujoco.mj_kinematics(scene.model, scene.data)
         self._allowances = _allowances(scene) + SPRUNG * _spring_energies(scene)
         self._gains = np.zeros(scene.model.nbody)
         self._before = self._gains
