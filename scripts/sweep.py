@@ -30,6 +30,7 @@ import argparse
 import importlib.util
 import json
 import os
+import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -120,15 +121,17 @@ def collect(
         progress(len(runs), "runs", options.quiet) as bar,
     ):
         bar.update(len(rows))
-        found = rows_of(plan, missing, options)
-        for row in found:
-            file.write(json.dumps(row) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-            rows.append(row)
-            bar.update(1)
-            if received:
-                return received[0]
+        try:
+            for row in rows_of(plan, missing, options):
+                file.write(json.dumps(row) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+                rows.append(row)
+                bar.update(1)
+                if received:
+                    return received[0]
+        except KeyboardInterrupt:  # of a worker, which a terminal's Ctrl-C reaches too
+            return signal.SIGINT
     return 0
 
 

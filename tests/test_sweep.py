@@ -114,14 +114,18 @@ def interrupted(tmp_path, number: int, jobs: str = "1") -> int:
     command = [*SWEEP, str(MODELS / "cube.xml"), "--starts", "25", "--duration", "12", "--jobs",
                jobs, "--output", "a.parquet"]  # fmt: skip
     process = subprocess.Popen(
-        command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c
-    )
+        command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c,
+        start_new_session=True,
+    )  # fmt: skip
     kept, deadline = tmp_path / "a.parquet.rows", time.monotonic() + 120.0
     while not (kept.exists() and kept.read_text().count("\n") >= 3):
         assert time.monotonic() < deadline
         assert process.poll() is None
         time.sleep(0.02)
-    process.send_signal(number)
+    if jobs == "1":
+        process.send_signal(number)
+    else:
+        os.killpg(process.pid, number)  # as a terminal does: to workers too
     _, said = process.communicate(timeout=60)
     assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
     if number != signal.SIGKILL:
@@ -144,6 +148,10 @@ def test_an_interrupted_sweep_keeps_its_rows_and_goes_on(number, tmp_path):
     assert found["run"].tolist() == list(range(25))
     assert set(found["status"]) == {"held"}
     assert sorted(os.listdir(tmp_path)) == ["a.parquet"]
+
+
+def test_ctrl_c_stops_all_processes(tmp_path):
+    assert 3 <= interrupted(tmp_path, signal.SIGINT, jobs="2") < 25
 
 
 def test_rows_of_another_sweep_are_not_gone_on_from(tmp_path, capsys):
