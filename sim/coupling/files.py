@@ -4,11 +4,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
+from sim.coupling.custom_fields import COMPONENTS, RECORD
+
 FOLDERS = ("meshdir", "texturedir", "assetdir")
 """Attributes of <compiler> that say where files are looked for."""
-
-SEAS = ("sea_components", "sea_record")
-"""Custom texts that name files."""
 
 
 def model_files(path: Path) -> list[Path]:
@@ -21,7 +20,7 @@ def model_files(path: Path) -> list[Path]:
             folders += [path.parent / element.attrib[f] for f in FOLDERS if f in element.attrib]
             if "file" in element.attrib:
                 names.append(element.attrib["file"])
-            if element.tag == "text" and element.attrib.get("name") in SEAS:
+            if element.tag == "text" and element.attrib.get("name") in (COMPONENTS, RECORD):
                 names.append(element.attrib.get("data", ""))
             included = path.parent / element.attrib.get("file", "")
             if element.tag == "include" and included.is_file() and included not in found:
