@@ -186,7 +186,7 @@ REFUSALS = {
     ),
     "two levels": (
         dict(custom='<numeric name="water_level" data="0 1"/>'),
-        "'water_level' has 2 numbers; expected 1",
+        "'water_level' has 2 numbers; expected 1, 4, 6, ... or 32: water level",
     ),
     "negative wavelength": (
         dict(custom='<numeric name="wave_a" data="0.1 -2 0 0"/>'),

@@ -79,10 +79,10 @@ class NumericKind:
         """Raises ValueError for too many numbers, or too few."""
         if count in self.sizes:
             return
-        several = len(self.sizes) > 2
-        expected = (" to " if several else " or ").join(
-            map(str, (self.sizes[0], self.sizes[-1]) if several else self.sizes)
-        )
+        first, *others = map(str, self.sizes)
+        expected = f"{first} to {others[-1]}" if len(others) > 1 else " or ".join([first, *others])
+        if self.of_one and len(others) > 2:  # not all that lie between
+            expected = f"{first}, {others[0]}, {others[1]}, ... or {others[-1]}"
         raise ValueError(
             f"has {count} number{'s' * (count != 1)}; expected {expected}: {self.meaning}"
         )
