@@ -141,15 +141,11 @@ def print_summary(rows: Sequence[Row], wall_s: float, path: Path) -> None:
     beside = sum(row["seconds"] - row["stepping_seconds"] for row in rows)
     if held:
         names = [n for n in held[0] if n.endswith((" std", " drift x", "period"))]
+        columns = as_columns(held)
         cells = [
-            (
-                name,
-                *(
-                    f"{f([row[name] for row in held]):.4g}"
-                    for f in (np.nanmin, np.nanmean, np.nanmax)
-                ),
-            )
+            (name, *(f"{of(columns[name]):.4g}" for of in (np.nanmin, np.nanmean, np.nanmax)))
             for name in names
+            if np.isfinite(columns[name]).any()
         ]
         print_table(("over the runs", "least", "mean", "most"), cells)
     print(

@@ -14,7 +14,7 @@ from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
 from sim import Scene, simulate
 from sim.measure.series import NAMES, Series
 from sim.measure.statistics import heights, start_times
-from sim.measure.sweep import Plan, Run, perform, runs_of
+from sim.measure.sweep import Plan, Run, kept_rows, perform, runs_of
 from sim.measure.tables import read_columns, write_columns
 
 SWEEP = [sys.executable, str(REPOSITORY / "scripts" / "sweep.py")]
@@ -152,6 +152,23 @@ def test_an_interrupted_sweep_keeps_its_rows_and_goes_on(number, tmp_path):
 
 def test_ctrl_c_stops_all_processes(tmp_path):
     assert 3 <= interrupted(tmp_path, signal.SIGINT, jobs="2") < 25
+
+
+def test_half_a_row_is_taken_away_before_more_follow(tmp_path):
+    """Else the next one would be glued to it, and lost with all behind it to who resumes again."""
+    path, whole = tmp_path / "rows", '{"run": 0, "status": "held"}\n'
+    path.write_text(whole + '{"run": 1, "sta')
+    assert kept_rows(path, runs_of([], 0, 3)) == [{"run": 0, "status": "held"}]
+    assert path.read_text() == whole
+
+
+def test_columns_without_a_number_are_left_out_of_the_summary(tmp_path, capsys):
+    """Of a run too short for two upcrossings, without a warning."""
+    arguments = ("--output", tmp_path / "a.csv", "--duration", "1", "--warm-up", "0.5")
+    assert status_of("sweep.py", MODELS / "cube.xml", *arguments) == 0
+    told = capsys.readouterr()
+    assert "nan" not in told.out
+    assert "cube heave std" in told.out
 
 
 def test_rows_of_another_sweep_are_not_gone_on_from(tmp_path, capsys):

@@ -6,6 +6,7 @@ later does only what is missing.
 """
 
 import json
+import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -143,8 +144,8 @@ def check_plan(plan: Plan, run: Run) -> None:
 
 
 def kept_rows(path: Path, runs: Sequence[Run]) -> list[Row]:
-    """The rows that an interrupted sweep of the same runs has left. Raises ValueError for rows of
-    another one."""
+    """The rows that an interrupted sweep of the same runs has left; half a row at the end of the
+    file is taken away, so that more can follow. Raises ValueError for rows of another one."""
     if not path.exists():
         return []
     rows = list(_whole_lines(path))
@@ -152,16 +153,17 @@ def kept_rows(path: Path, runs: Sequence[Run]) -> list[Row]:
         run = runs[row["run"]] if row["run"] < len(runs) else None
         if run is None or any(row.get(name) != value for name, value in run.settings):
             raise ValueError(f"{path} has rows of another sweep; remove it or give its options")
+    whole = path.read_bytes().rfind(b"\n") + 1
+    if whole < path.stat().st_size:
+        os.truncate(path, whole)
     return rows
 
 
 def _whole_lines(path: Path) -> Iterator[Row]:
     """The rows of a file whose last line may have been cut off."""
-    for line in path.read_text(encoding="utf-8").splitlines():
-        try:
+    for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
+        if line.endswith("\n"):
             yield json.loads(line)
-        except json.JSONDecodeError:
-            return
 
 
 def as_columns(rows: Sequence[Row]) -> dict[str, Any]:
