@@ -15,6 +15,7 @@ from independent import (
 )
 from sim import Chord, Hull, Linear, Patches, Reference, Scene, Sea, Wave, simulate
 from sim.water.head_jets import HEAD_JET, solve_head_jets
+from sim.water.jets import near_particles
 
 DEGREE = np.pi / 180.0
 CUBE_WAVES = (
@@ -49,7 +50,8 @@ def test_known_heads():
 def head_jets(sea: Sea, places: np.ndarray, time: float) -> np.ndarray:
     x, y, z = places.T.copy()
     jets = np.empty(len(places), HEAD_JET)
-    solve_head_jets(x, y, z - sea.level, sea.components, time, 1e-14, 0, jets)
+    near = near_particles(x, y, sea.components, time, 1)
+    solve_head_jets(x, y, z - sea.level, near, sea.components, time, 1e-14, jets)
     return jets
 
 

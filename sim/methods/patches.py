@@ -16,7 +16,8 @@ Once, when hull and sea are known, the hull is cut into *patches* small enough f
 jet to hold to the tolerance (`fit.jet_radius`), each with a tree of nodes below it
 (`patch_tree`). A step is then
 
-1. one jet for each patch, all together (none for a patch above the highest crest);
+1. one jet for each patch, all together (none for a patch above the highest crest, nor for one that
+   turns out to be out of the water's reach when the height of the surface is known);
 2. for each patch a walk through its tree: a node that is surely dry adds nothing, one that is
    surely wet its moments times the coefficients, and only nodes on the waterline are opened;
 3. at the leaves, heads of the vertices from the polynomial and the straight clip.
@@ -68,10 +69,10 @@ from sim.methods.polynomial import (
     monomials,
 )
 from sim.triangle import clip_dry_part
-from sim.water.fit import SAFETY, SHIFT, jet_waves, newton_steps
+from sim.water.fit import SAFETY, SHIFT, jet_waves, newton_steps, steepest_slope
 from sim.water.gerstner import WATER, WAVE, level_and_rise
 from sim.water.head_jets import HEAD_JET, solve_head_jets
-from sim.water.jets import JET, solve_jets
+from sim.water.jets import JET, Near, near_particles, solve_jets
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -81,8 +82,9 @@ INSTANCE = record(pose="i8", row="i8", first="i8", end="i8", tree="i8")
 """A hull of a batch: rows of its pose and its wrench, its first patch and where they end, and the
 number of its tree."""
 
-SOLVE = record(steps="i8", residual="f8", waves="i8")
-"""Newton steps to a jet and the residual [m] that it may keep; how many waves the sea has."""
+SOLVE = record(steps="i8", residual="f8", waves="i8", reach="f8")
+"""Newton steps to a jet and the residual [m] that it may keep; how many waves the sea has; and how
+many radii above the surface, as it is over its centre, a patch is out of the water's reach."""
 
 CHOSEN = record(patch="i8", instance="i8", pose="i8")
 """A patch that the water could reach, of an instance with a pose."""
@@ -100,6 +102,14 @@ class Water(NamedTuple):
     waves: Table
     water: Table
     solve: Table
+
+
+class Points(NamedTuple):
+    """Centres of patches: x and y in the world, and how far they are above the level, (N,) [m]."""
+
+    x: Array
+    y: Array
+    above: Array
 
 
 class Patches(Compiled):
@@ -164,7 +174,9 @@ class Patches(Compiled):
         )
         residual = SHIFT * min(method.tree.patches["radius"].max() for method in methods)
         steps, _ = newton_steps(sea, residual / SAFETY)
-        solve = np.array([(steps, residual, len(sea.components))], SOLVE)
+        slope = steepest_slope(sea)
+        reach = np.hypot(1.0, slope) + SHIFT * slope  # the heights are those of particles near by
+        solve = np.array([(steps, residual, len(sea.components), reach)], SOLVE)
         waves = np.concatenate([method.fitted for method in of_trees])
         block = packed(*joined([m.tree for m in of_trees]), waves, sea.water, solve)
         instances = instances[np.argsort(which, kind="stable")]
@@ -176,8 +188,8 @@ class Patches(Compiled):
         self, position: ArrayLike, rotation: ArrayLike, time: float
     ) -> tuple[Array, Array]:
         """What the patches take for the heads at the vertices of all their triangles, for looking
-        at their error: places (N, 3) [m] in the world and heads (N,) [m] there, NaN above the
-        highest crest."""
+        at their error: places (N, 3) [m] in the world and heads (N,) [m] there, NaN out of the
+        water's reach."""
         positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
         rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
         chosen, reached = polynomials_of(*self._alone, positions, rotations, float(time))
@@ -221,27 +233,24 @@ def most_patches(instances):
 
 
 @kernel
-def reachable_patches(
-    patches, instances, water, time, positions, rotations, x_out, y_out, above_out, chosen_out
+def patches_below_crests(
+    patches, instances, water, time, positions, rotations, points_out, chosen_out
 ):
-    """All patches that the highest crest could reach: their centres x, y in the world and height
-    above the level, and who they are. Returns how many, and how many nodes they have."""
-    level, _ = level_and_rise(water[0], time)
-    amplitude = water[0].amplitude
-    active, nodes = 0, 0
+    """All patches that the highest crest could reach: their centres, and who they are. Returns how
+    many."""
+    level, _ = level_and_rise(water, time)
+    count = 0
     for i in range(instances.size):
         first, end, pose = instances[i].first, instances[i].end, instances[i].pose
         position, rotation = positions[pose], rotations[pose]
         for p in range(first, end):
             patch = patches[p]
             x, y, z = placed(patch.x, patch.y, patch.z, position, rotation)
-            x_out[active], y_out[active], above_out[active] = x, y, z - level
-            chosen = chosen_out[active]
+            points_out.x[count], points_out.y[count], points_out.above[count] = x, y, z - level
+            chosen = chosen_out[count]
             chosen.patch, chosen.instance, chosen.pose = p, i, pose
-            if not z - level > amplitude + patch.radius:
-                active += 1
-                nodes += patch.end - patch.first
-    return active, nodes
+            count += not z - level > water.amplitude + patch.radius
+    return count
 
 
 @inline
@@ -420,43 +429,75 @@ def subtract_dry_parts(cut, opened, heads, tree, chosen, sums_out):
         )  # fmt: skip
 
 
+@inline
+def first_points(points, count):
+    """The first of them."""
+    return Points(points.x[:count], points.y[:count], points.above[:count])
+
+
+@inline
+def first_particles(near, count):
+    """The first of them."""
+    return Near(near.label_x[:count], near.label_y[:count], near.height[:count])
+
+
 @kernel
-def set_polynomials(sea, waves, x, y, above, time, chosen, rotations, polynomials_out):
-    """Polynomials (N,) of the heads around the chosen patches' centres x, y: (N,) [m], so far above
-    the level (N,) [m], from fitted waves."""
-    residual, steps = sea.solve[0].residual, sea.solve[0].steps
+def keep_reached(patches, reach, points, near, chosen_out):
+    """Move those that the water can reach to the front, of CHOSEN patches at POINTS with particles
+    Near them; returns how many they are."""
+    kept = 0
+    for i in range(chosen_out.size):
+        radius = patches[chosen_out[i].patch].radius
+        points.x[kept], points.y[kept] = points.x[i], points.y[i]
+        points.above[kept] = points.above[i]
+        near.label_x[kept], near.label_y[kept] = near.label_x[i], near.label_y[i]
+        near.height[kept] = near.height[i]
+        chosen_out[kept] = chosen_out[i]
+        kept += not points.above[i] - near.height[i] > reach * radius
+    return kept
+
+
+@kernel
+def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomials_out):
+    """Polynomials (N,) of the heads around the chosen patches' centres from fitted waves."""
+    x, y, above, residual = points.x, points.y, points.above, sea.solve[0].residual
     if sea.water[0].decays and waves.size > 0:
         jets = np.empty(x.size, HEAD_JET)
-        solve_head_jets(x, y, above, waves, time, residual, steps, jets)
+        solve_head_jets(x, y, above, near, waves, time, residual, jets)
         decayed_polynomials(jets, chosen, rotations, polynomials_out)
     else:
         jets = np.empty(x.size, JET)
-        solve_jets(x, y, waves, time, residual, steps, jets)
+        solve_jets(x, y, near, waves, time, residual, jets)
         head_polynomials(jets, above, chosen, rotations, polynomials_out)
 
 
 @kernel
 def reached_polynomials(tree, sea, instances, positions, rotations, time):
     """The patches that the water could reach, CHOSEN, and the POLYNOMIAL of the head over each."""
-    most = most_patches(instances) + 1
-    x, y, above = np.empty(most), np.empty(most), np.empty(most)
+    most, solve = most_patches(instances) + 1, sea.solve[0]
+    points = Points(np.empty(most), np.empty(most), np.empty(most))
     chosen = np.empty(most, CHOSEN)
-    active, _ = reachable_patches(
-        tree.patches, instances, sea.water, time, positions, rotations, x, y, above, chosen
+    below_crests = patches_below_crests(
+        tree.patches, instances, sea.water[0], time, positions, rotations, points, chosen
     )
-    chosen = chosen[:active]
-    polynomials = np.empty(active, POLYNOMIAL)
-    start, count = 0, sea.solve[0].waves
-    while start < active:
-        end = end_of_tree(start, chosen, instances)
+    polynomials = np.empty(below_crests, POLYNOMIAL)
+    start, count = 0, 0
+    while start < below_crests:
+        end = end_of_tree(start, chosen[:below_crests], instances)
         number = instances[chosen[start].instance].tree
-        waves = sea.waves[number * count : (number + 1) * count]
-        run = slice(start, end)
+        waves = sea.waves[number * solve.waves : (number + 1) * solve.waves]
+        run = Points(points.x[start:end], points.y[start:end], points.above[start:end])
+        near = near_particles(run.x, run.y, waves, time, solve.steps)
+        kept = keep_reached(tree.patches, solve.reach, run, near, chosen[start:end])
+        to = slice(count, count + kept)
+        for i in range(kept):
+            chosen[count + i] = chosen[start + i]
         set_polynomials(
-            sea, waves, x[run], y[run], above[run], time, chosen[run], rotations, polynomials[run]
-        )
-        start = end
-    return chosen, polynomials
+            sea, waves, first_points(run, kept), first_particles(near, kept), time, chosen[to],
+            rotations, polynomials[to],
+        )  # fmt: skip
+        start, count = end, count + kept
+    return chosen[:count], polynomials[:count]
 
 
 @kernel

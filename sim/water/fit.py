@@ -21,7 +21,7 @@ from sim.water.gerstner import (
     wave_sums,
 )
 from sim.water.head_jets import HEAD_JET, solve_head_jets
-from sim.water.jets import JET, solve_jets
+from sim.water.jets import JET, near_particles, solve_jets
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -170,12 +170,19 @@ def jet_tolerance(sea: Sea, radius: float) -> float:
     return SAFETY * find_error(sea, jet_waves(sea, radius), (1.0 + SHIFT) * radius)
 
 
+def jets_of(sea: Sea, waves: Table, x: Array, y: Array) -> Table:
+    """JETs (N,) of waves of a sea, its own or fitted ones, at places x, y: (N,) [m]."""
+    jets, time = np.empty(x.size, JET), sea.ramp
+    near = near_particles(x, y, waves, time, 1)
+    solve_jets(x, y, near, waves, time, float(sea.water["tolerance"][0]), jets)
+    return jets
+
+
 def jet_error(sea: Sea, waves: Table, radius: float) -> float:
     """Largest error [m] of the surface's jets at the samples, of fitted waves, up to a radius away
     from them."""
     x, y = sample_places(sea)
-    jets = np.empty(x.size, JET)
-    solve_jets(x, y, waves, sea.ramp, float(sea.water["tolerance"][0]), 0, jets)
+    jets = jets_of(sea, waves, x, y)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     worst = 0.0
     for ring, angle in product(RINGS, angles):
@@ -188,8 +195,9 @@ def jet_error(sea: Sea, waves: Table, radius: float) -> float:
 def head_jets(sea: Sea, waves: Table, x: Array, y: Array, above: Array) -> Table:
     """HEAD_JETs (N,) of waves of a sea, its own or fitted ones, at places x, y, so far
     above the level, all (N,) [m]."""
-    jets = np.empty(x.size, HEAD_JET)
-    solve_head_jets(x, y, above, waves, sea.ramp, float(sea.water["tolerance"][0]), 0, jets)
+    jets, time = np.empty(x.size, HEAD_JET), sea.ramp
+    near = near_particles(x, y, waves, time, 1)
+    solve_head_jets(x, y, above, near, waves, time, float(sea.water["tolerance"][0]), jets)
     return jets
 
 
@@ -256,11 +264,18 @@ def largest_bend(sea: Sea, waves: Table) -> float:
         return 0.0
     x, y = sample_places(sea)
     if sea.pressure == "hydrostatic":
-        jets = np.empty(x.size, JET)
-        solve_jets(x, y, waves, sea.ramp, float(sea.water["tolerance"][0]), 0, jets)
+        jets = jets_of(sea, waves, x, y)
         names, axes = ("z_xx", "z_xy", "z_xy", "z_yy"), 2
     else:
         jets = head_jets(sea, waves, x, y, sea.elevation(x, y, sea.ramp) - still(sea))
         names, axes = ("xx", "xy", "xz", "xy", "yy", "yz", "xz", "yz", "zz"), 3
     hessians = np.stack([jets[n] for n in names], axis=-1).reshape(-1, axes, axes)
     return SAFETY * float(np.abs(np.linalg.eigvalsh(hessians)).max())
+
+
+def steepest_slope(sea: Sea) -> float:
+    """Largest slope [m/m] of the surface at the samples, times SAFETY; 0 without waves."""
+    if not sea.components.size:
+        return 0.0
+    jets = jets_of(sea, sea.components, *sample_places(sea))
+    return SAFETY * float(np.hypot(jets["z_x"], jets["z_y"]).max())

@@ -68,10 +68,10 @@ WATER = record(
     level="f8", amplitude="f8", tolerance="f8", scale="f8", decays="i8", current=("f8", 3),
     tides="i8", tide_time=("f8", MOST_TIDES), tide_level=("f8", MOST_TIDES),
 )  # fmt: skip
-"""What kernels know of a sea besides its waves: the still level [m] at the start, the sum of all
-amplitudes [m], the residual [m] at which a label counts as found, - density gravity [N/m^3],
-whether the waves' pressure decays with depth; the current [m/s]; and how many times [s] have levels
-[m] of their own."""
+"""What kernels know of a sea besides its waves: the still level [m] at the start, how far
+crests rise above it [m], the residual [m] at which a label counts as found, - density gravity
+[N/m^3], whether the waves' pressure decays with depth; the current [m/s]; and how many times [s]
+have levels [m] of their own."""
 
 LABELS = record(x=ROW, y=ROW, residual=ROW)
 """Workspace: labels of a chunk's points, and the residual squared [m^2] that a step began with."""

@@ -32,10 +32,9 @@ from sim.water.gerstner import (
     clear_sums,
     decay,
     growth,
-    newton_labels,
+    set_labels,
     solve_labels,
     solved,
-    wave_sums,
 )
 from sim.water.jets import (
     FIELD,
@@ -47,7 +46,6 @@ from sim.water.jets import (
     largest_residual,
     second_derivatives,
     shifted,
-    step_labels,
     third_derivatives,
 )
 
@@ -235,42 +233,24 @@ def gather_heads(x, y, above, labels, sums, decayed, head, slope, jets_out):
 
 
 @kernel
-def solve_head_sums(
-    x, y, above, waves, time, tolerance, steps, labels, nearer, sums_out, higher_out, decayed_out
-):
-    """LABELS near the points, all their sums, and their number; see `solve_head_jets`. Returns the
-    labels' workspace, the other, and the number, filled up to LANES."""
-    heights = np.empty(x.size)
-    labels, nearer, filled = step_labels(
-        x, y, waves, time, steps, labels, nearer, sums_out, heights
-    )
-    if steps == 0:  # heights to begin with, for the same labels
-        wave_sums(filled, waves, time, labels, sums_out)
-        newton_labels(x, y, labels, sums_out, heights, nearer)
-    set_depths(filled, above, heights, decayed_out)
-    head_sums(filled, waves, time, labels, sums_out, higher_out, decayed_out)
-    if not largest_residual(x, y, labels, sums_out) <= tolerance * tolerance:
-        solve_labels(x, y, labels, waves, time, tolerance, 1, heights, nearer)
-        labels, nearer = nearer, labels
-        set_depths(filled, above, heights, decayed_out)
-        head_sums(filled, waves, time, labels, sums_out, higher_out, decayed_out)
-    return labels, nearer, filled
-
-
-@kernel
-def solve_head_jets(x, y, above, waves, time, tolerance, steps, jets_out):
-    """HEAD_JETs (N,) at the points x, y: (N,) [m], so far above the level (N,) [m], from one solve
-    (see `jets.solve_jets`)."""
+def solve_head_jets(x, y, above, near, waves, time, tolerance, jets_out):
+    """HEAD_JETs (N,) at the points x, y: (N,) [m], so far above the level (N,) [m], from particles
+    Near them (see `jets.solve_jets`)."""
     labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
     higher, first, decayed = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, DECAYED)
     field, at_particles, at_points = np.empty(1, FIELD), np.empty(1, FIELD), np.empty(1, FIELD)
-    slope = np.empty(1, FIELD)
+    slope, found = np.empty(1, FIELD), np.empty(CHUNK)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
-        px, py, places = x[start:end], y[start:end], above[start:end]
-        labels, nearer, filled = solve_head_sums(
-            px, py, places, waves, time, tolerance, steps, labels, nearer, sums, higher, decayed
-        )
+        px, py, places, heights = x[start:end], y[start:end], above[start:end], found[: end - start]
+        filled = set_labels(near.label_x[start:end], near.label_y[start:end], labels)
+        set_depths(filled, places, near.height[start:end], decayed)
+        head_sums(filled, waves, time, labels, sums, higher, decayed)
+        if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
+            solve_labels(px, py, labels, waves, time, tolerance, 1, heights, nearer)
+            labels, nearer = nearer, labels
+            set_depths(filled, places, heights, decayed)
+            head_sums(filled, waves, time, labels, sums, higher, decayed)
         head_by_label(filled, sums, higher, decayed, field)
         first_derivatives(filled, sums, higher, field, first)
         third_derivatives(filled, sums, higher, field, first, at_particles)

@@ -9,10 +9,15 @@ those of the surface on the left, the chain rule gives one order after the other
     K    = J^-1 J^-1 J^-1 N,                                                         third
            N_jkm = z_jkm - G_i x_i,jkm - (x_i,jk E_im + x_i,jm E_ik + x_i,km E_ij),    E = J^-1 M.
 
-The solve ends early, at a particle near the point; the cubic is then shifted to the point.
+The solve ends early, at a particle near the point; the cubic is then shifted to the point. So it
+has two parts, `near_particles` and `solve_jets`: who needs no jet where the surface is out of reach
+looks between them.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.kernels import inline, kernel, record
 from sim.water.gerstner import (
@@ -46,6 +51,16 @@ HIGHER_SUMS = record(
 )  # fmt: skip
 """Workspace: second and third derivatives of particles by their labels (y_xx is x_xy, y_xy is x_yy
 and so on), and the sine and cosine of one wave."""
+
+
+class Near(NamedTuple):
+    """Particles near points (N,): their labels x and y and, to second order in what they miss, the
+    heights of the surface at the points above the level, all (N,) [m]."""
+
+    label_x: NDArray[np.float64]
+    label_y: NDArray[np.float64]
+    height: NDArray[np.float64]
+
 
 FIELD = record(
     z=ROW, z_x=ROW, z_y=ROW, z_xx=ROW, z_xy=ROW, z_yy=ROW,
@@ -261,39 +276,44 @@ def gather_jets(surface, labels, jets_out):
 
 
 @kernel
-def step_labels(x, y, waves, time, steps, labels, nearer, sums, heights_out):
-    """`steps` plain Newton steps from the points x, y: (N,) [m] towards their labels, and the
-    heights (N,) [m] after them. Returns the labels' workspace, the other, and their number, filled
-    up to LANES."""
-    filled = set_labels(x, y, labels)
-    set_labels(x, y, nearer)
-    for _ in range(steps):
-        wave_sums(filled, waves, time, labels, sums)
-        newton_labels(x, y, labels, sums, heights_out, nearer)
-        labels, nearer = nearer, labels
-    return labels, nearer, filled
+def near_particles(x, y, waves, time, steps):
+    """The particles Near the points x, y: (N,) [m], after so many plain Newton steps from the
+    points, at least one."""
+    near = Near(np.empty(x.size), np.empty(x.size), np.empty(x.size))
+    labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
+    for start in range(0, x.size, CHUNK):
+        end = min(start + CHUNK, x.size)
+        px, py, heights = x[start:end], y[start:end], near.height[start:end]
+        filled = set_labels(px, py, labels)
+        set_labels(px, py, nearer)
+        for _ in range(max(steps, 1)):
+            wave_sums(filled, waves, time, labels, sums)
+            newton_labels(px, py, labels, sums, heights, nearer)
+            labels, nearer = nearer, labels
+        at = labels[0]
+        for i in range(px.size):
+            near.label_x[start + i], near.label_y[start + i] = at.x[i], at.y[i]
+    return near
 
 
 @kernel
-def solve_jets(x, y, waves, time, tolerance, steps, jets_out):
-    """Jets (N,) of the surface at the points x, y: (N,) [m], from one solve.
+def solve_jets(x, y, near, waves, time, tolerance, jets_out):
+    """Jets (N,) of the surface at the points x, y: (N,) [m], from particles Near them.
 
-    Takes `steps` plain Newton steps from the points to the labels. Where that leaves a residual
-    above the tolerance [m] the labels are solved further, so as long as the steps suffice, jets
-    are smooth functions of the point however loose the tolerance is.
+    Where these leave a residual above the tolerance [m] the labels are solved further, so as long
+    as the steps to them suffice, jets are smooth functions of the point however loose the tolerance
+    is.
     """
     labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
     higher, first, heights = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, FIELD)
     at_particles, at_points, found = np.empty(1, FIELD), np.empty(1, FIELD), np.empty(CHUNK)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
-        px, py, found = x[start:end], y[start:end], found[: end - start]
-        labels, nearer, filled = step_labels(
-            px, py, waves, time, steps, labels, nearer, sums, found
-        )
+        px, py = x[start:end], y[start:end]
+        filled = set_labels(near.label_x[start:end], near.label_y[start:end], labels)
         jet_sums(filled, waves, time, labels, sums, higher)
         if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
-            solve_labels(px, py, labels, waves, time, tolerance, 1, found, nearer)
+            solve_labels(px, py, labels, waves, time, tolerance, 1, found[: px.size], nearer)
             labels, nearer = nearer, labels
             jet_sums(filled, waves, time, labels, sums, higher)
         copy_heights(filled, sums, higher, heights)

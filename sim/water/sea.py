@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from sim.kernels import read_only
 from sim.water.gerstner import MOST_TIDES, WATER, solve_heights
 from sim.water.head import PRESSURES, solve_heads
-from sim.water.jets import JET, solve_jets
+from sim.water.jets import JET, near_particles, solve_jets
 from sim.water.spectrum import DEFAULT_SPREAD, jonswap
-from sim.water.wave import FEW, Wave, steepness_of, wave_table
+from sim.water.wave import FEW, Wave, largest_sum, wave_table
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
@@ -53,9 +53,9 @@ class Sea:
     waves that fold and unusable numbers.
 
     steepness: sum of k a over the waves; worst_steepness: the same, or `wave.SIGMAS` standard
-    deviations of such sums where that is less, the surface is a graph below 1; amplitude [m]: sum
-    of the amplitudes, no crest rises and no trough falls further from the level; components: the
-    waves as kernels read them (`gerstner.WAVE`); water: all else that they need
+    deviations of such sums where that is less, the surface is a graph below 1; amplitude [m]: the
+    same of the amplitudes, no crest rises and no trough falls further from the level; components:
+    the waves as kernels read them (`gerstner.WAVE`); water: all else that they need
     (`gerstner.WATER`).
     """
 
@@ -99,8 +99,8 @@ class Sea:
             raise ValueError(f"the water's ramp is {ramp} s; it must be finite and 0 or more")
         self._set(ramp=float(ramp))
         parts = [w.steepness for w in waves]
-        self._set(steepness=float(sum(parts)), worst_steepness=steepness_of(parts))
-        self._set(amplitude=float(sum(w.amplitude for w in waves)))
+        self._set(steepness=float(sum(parts)), worst_steepness=largest_sum(parts))
+        self._set(amplitude=largest_sum([w.amplitude for w in waves]))
         if self.worst_steepness >= 1.0:
             raise ValueError(
                 f"the waves fold: the sum of k a over {len(waves)} waves is "
@@ -184,7 +184,7 @@ class Sea:
         In the formula of H (see `jets`) each factor J^-1 is at most 1 / (1 - sum k a) and M, as
         |G| <= sum k a / (1 - sum k a), at most sum k^2 a / (1 - sum k a).
         """
-        total = steepness_of([w.wavenumber**2 * w.amplitude for w in self.waves])
+        total = largest_sum([w.wavenumber**2 * w.amplitude for w in self.waves])
         return total / (1.0 - self.worst_steepness) ** 3
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
@@ -229,7 +229,8 @@ class Sea:
         def solve(time: float, x: Array, y: Array) -> Table:
             jets = np.empty(x.size, JET)
             tolerance = float(self.water["tolerance"][0])
-            solve_jets(x, y, self.components, time, tolerance, 0, jets)
+            near = near_particles(x, y, self.components, time, 1)
+            solve_jets(x, y, near, self.components, time, tolerance, jets)
             return jets
 
         jets, waves = _per_time(solve, time, x, y), self.components

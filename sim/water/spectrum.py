@@ -25,7 +25,7 @@ Longuet-Higgins, Cartwright and Smith 1963 and Mitsuyasu et al. 1975 for the spr
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.water.wave import FEW, Wave, steepness_of
+from sim.water.wave import FEW, Wave, largest_sum
 
 Array = NDArray[np.float64]
 
@@ -183,7 +183,7 @@ def equal_share_angles(spread: float, count: int) -> Array:
 
 def _check_folding(parts: Array, height: float) -> None:
     """Refuse waves of steepnesses (N,) that fold, with what would do. Raises ValueError."""
-    steepness, count = steepness_of(parts), len(parts)
+    steepness, count = largest_sum(parts), len(parts)
     if steepness < 1.0:
         return
     met = " as waves meet" if count > FEW else ""

@@ -10,7 +10,7 @@ from sim.kernels import read_only
 from sim.water.gerstner import WAVE
 
 SIGMAS = 7.0
-"""Standard deviations that the sums of k a in J and in the head's slope are taken to stay within.
+"""Standard deviations that sums of waves, in J, the head's slope and heights, are taken to stay in.
 Sums of sines have thinner tails than the normal distribution, by which seven are passed by one
 independent place and time in 4e10: a hull of ten by ten wavelengths meets 5e4 of these an hour."""
 
@@ -55,7 +55,7 @@ class Wave:
         return self.wavenumber * self.amplitude
 
 
-def steepness_of(parts: Sequence[float]) -> float:
+def largest_sum(parts: Sequence[float]) -> float:
     """How large a sum of waves becomes, each of which adds a sine of such an amplitude: all of them
     at once, or SIGMAS standard deviations where that is less, as it is of more than FEW."""
     return float(min(np.sum(parts), SIGMAS * np.sqrt(0.5 * np.sum(np.square(parts)))))
