@@ -105,6 +105,12 @@ def named_number(text: str) -> tuple[str, float]:
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
     """What says how a scene differs from its file."""
+    from sim.water.head import PRESSURES
+
+    parser.add_argument("--pressure", choices=PRESSURES, help="overrules the scene's pressure")
+    parser.add_argument(
+        "--timestep", type=positive, metavar="S", help="overrules the scene's timestep"
+    )
     parser.add_argument(
         "--set", action="append", default=[], dest="settings", metavar="NAME=VALUE",
         help='overrules a custom field ("wave_swell=0.2 4 0 0", wave_swell.amplitude=0.2)',
@@ -119,9 +125,16 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def settings_of(options: argparse.Namespace) -> list[str]:
-    """The settings that a command line asks for."""
-    return [*options.settings, *([] if options.seed is None else [f"seed={options.seed}"])]
+def overrulings_of(options: argparse.Namespace) -> dict[str, Any]:
+    """What `Scene.load` is to be given for them."""
+    seeds = [] if options.seed is None else [f"seed={options.seed}"]
+    return {
+        "timestep": options.timestep,
+        "pressure": options.pressure,
+        "settings": [*options.settings, *seeds],
+        "keyframe": options.keyframe,
+        "densities": dict(options.densities),
+    }
 
 
 @contextmanager

@@ -19,13 +19,13 @@ from command_line import (
     check_writable,
     loading_notice,
     notes_said,
+    overrulings_of,
     positive,
     print_table,
     progress,
     refusal,
     run_script,
     run_to_the_end,
-    settings_of,
     stop_signals,
     write_json,
 )
@@ -49,7 +49,6 @@ from sim.measure.statistics import (
     mean_of_runs,
     start_times,
 )
-from sim.water.head import PRESSURES
 
 QUANTITIES = {"height_m": 1e3, "tilt_deg": 1.0}
 """What is averaged, and what turns its differences into the mm and degrees that are printed."""
@@ -65,7 +64,6 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD",
                         help="method texts; the others are held against the first; a pressure may "
                         "stand behind a slash: patches/hydrostatic")  # fmt: skip
-    parser.add_argument("--pressure", choices=PRESSURES, help="overrules the scene's pressure")
     parser.add_argument("--duration", type=positive, default=60.0, metavar="S",
                         help="simulated seconds (60)")  # fmt: skip
     parser.add_argument("--warm-up", type=positive, default=10.0, metavar="S",
@@ -74,8 +72,6 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
                         help="samples a simulated second (30)")  # fmt: skip
     parser.add_argument("--starts", type=at_least(1), default=1, metavar="N",
                         help="runs; later ones begin at random times of the sea (1)")  # fmt: skip
-    parser.add_argument("--timestep", type=positive, metavar="S",
-                        help="overrules the scene's timestep")  # fmt: skip
     add_scene_options(parser)
     record = parser.add_mutually_exclusive_group()
     record.add_argument("--record", type=Path, metavar="FILE.rrd",
@@ -98,15 +94,7 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
     said = notes_said("compare.py", quiet=True) if again else nullcontext()
     with loading_notice(quiet=again), said:
         for text in options.methods:
-            scene = Scene.load(
-                options.scene,
-                text,
-                timestep=options.timestep,
-                pressure=options.pressure,
-                settings=settings_of(options),
-                keyframe=options.keyframe,
-                densities=dict(options.densities),
-            )
+            scene = Scene.load(options.scene, text, **overrulings_of(options))
             scene.compile_kernels()
             same = sum(label.split(" ")[0] == text for label in twins)
             twins[f"{text} ({same + 1})" if same else text] = scene

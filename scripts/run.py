@@ -17,6 +17,7 @@ from command_line import (
     check_writable,
     loading_notice,
     notes_said,
+    overrulings_of,
     positive,
     print_table,
     progress,
@@ -24,7 +25,6 @@ from command_line import (
     run_script,
     run_to_the_end,
     say_errors,
-    settings_of,
     stop_signals,
     write_json,
     write_whole,
@@ -47,7 +47,6 @@ from sim.drawing.frame import MOST_RESOLUTION
 from sim.drawing.look import COLOURS
 from sim.measure.series import Series
 from sim.measure.tables import check_ending, write_columns
-from sim.water.head import PRESSURES
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
@@ -62,12 +61,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         "--rate", type=positive, default=30.0, metavar="HZ", help="samples a simulated second (30)"
     )
     parser.add_argument("--method", help="overrules the scene's method, for all geoms")
-    parser.add_argument("--pressure", choices=PRESSURES, help="overrules the scene's pressure")
     parser.add_argument(
         "--tolerance", type=positive, metavar="M", help="overrules the scene's, m of water height"
-    )
-    parser.add_argument(
-        "--timestep", type=positive, metavar="S", help="overrules the scene's timestep"
     )
     parser.add_argument(
         "--threads", type=at_least(1, MOST_THREADS), metavar="N", help="share the hulls (1)"
@@ -118,13 +113,9 @@ def load(path: Path, options: argparse.Namespace) -> Scene:
         scene = Scene.load(
             path,
             options.method,
-            options.tolerance,
-            options.timestep,
-            options.threads,
-            options.pressure,
-            settings_of(options),
-            options.keyframe,
-            dict(options.densities),
+            tolerance=options.tolerance,
+            threads=options.threads,
+            **overrulings_of(options),
         )
         scene.compile_kernels()
         observe(scene)

@@ -1,5 +1,7 @@
 """Settings that overrule a scene's fields, and seas that lie in files."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scenes import CUBE, WAVES, model, xml
@@ -191,3 +193,19 @@ def test_files_that_cannot_be_followed_are_refused(name, text, message, tmp_path
     told = capsys.readouterr().err
     assert message in told
     assert told.count("\n") == 1
+
+
+def test_notes_look_at_the_keyframe_that_is_asked_for(tmp_path):
+    """The cubes of one keyframe overlap, those of the other do not."""
+    keys = '<keyframe><key name="apart" qpos="0 0 0 1 0 0 0 3 0 0 1 0 0 0"/>'
+    keys += '<key name="within" qpos="0 0 0 1 0 0 0 .3 0 0 1 0 0 0"/></keyframe>'
+    other = CUBE.replace('"cube"', '"other"')
+    path = tmp_path / "s.xml"
+    path.write_text(xml(CUBE + other, ("cube", "other"), extra=keys))
+    overlaps = {}
+    for keyframe in (None, "within"):
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            Scene.load(path, keyframe=keyframe)
+        overlaps[keyframe] = any("hulls overlap" in str(w.message) for w in said)
+    assert overlaps == {None: False, "within": True}

@@ -25,6 +25,7 @@ from sim.coupling.context import Context, probes_of
 from sim.coupling.floats import FloatingGeom, body_label
 from sim.coupling.mjcf import read_model
 from sim.coupling.numbers import NUMERICS
+from sim.coupling.settings import Overrulings
 from sim.methods import Batch, Linear, Patches, Place
 from sim.water.sea import Sea
 
@@ -112,15 +113,23 @@ class Buoyancy:
         threads: int | None = None,
         pressure: str | None = None,
         settings: Iterable[str] = (),
+        keyframe: str | None = None,
         folder: str | Path = "",
     ) -> "Buoyancy":
         """Read the model's custom fields (see `mjcf`); `method` overrules them for all geoms (and
         the pressure, if it names one: "patches/hydrostatic"), `tolerance` [m of water height] for
         the methods that take one, `threads` and `pressure`, `settings` single fields (see
-        `settings`). Files that the fields name are looked for in the folder. Raises ValueError
-        that names the element at fault."""
+        `settings`). `keyframe`, the first one by default, is where it starts, for notes about that.
+        Files that the fields name are looked for in the folder. Raises ValueError that names the
+        element at fault."""
         model = getattr(model, "ptr", model)  # dm_control's wrapper
-        sea, floats, asked = read_model(model, method, tolerance, pressure, settings, Path(folder))
+        sea, floats, asked = read_model(
+            model,
+            Overrulings.of(
+                method, pressure, tolerance=tolerance, settings=tuple(settings), keyframe=keyframe,
+                folder=Path(folder),
+            ),
+        )  # fmt: skip
         return cls(model, sea, floats, asked if threads is None else threads)
 
     @property

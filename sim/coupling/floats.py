@@ -139,11 +139,25 @@ def _check_movable(model: mujoco.MjModel, geom: int) -> None:
         )
 
 
-def first_state(model: mujoco.MjModel) -> mujoco.MjData:
-    """A state of a model in its first keyframe, if it has one, with the kinematics of that."""
+def first_state(model: mujoco.MjModel, keyframe: str | None = None) -> mujoco.MjData:
+    """A state of a model in a keyframe, by its name, or the first one, if it has one, with the
+    kinematics of that. Raises ValueError for one that there is not, or with a number that is not
+    finite, for which MuJoCo would take others."""
     data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
+    key = 0 if model.nkey else -1
+    if keyframe is not None:
+        key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, keyframe)
+        if key < 0:
+            known = ", ".join(f"'{model.key(i).name}'" for i in range(model.nkey)) or "none"
+            raise ValueError(f"there is no keyframe '{keyframe}'; the scene has {known}")
+    if key >= 0:
+        mujoco.mj_resetDataKeyframe(model, data, key)
+        for what in ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
+            if not np.isfinite(getattr(data, what)).all():
+                raise ValueError(
+                    f"keyframe '{model.key(key).name}': its {what} has a number that is not "
+                    "finite; correct it"
+                )
     mujoco.mj_kinematics(model, data)
     return data
 

@@ -7,7 +7,6 @@ MuJoCo's own business.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
@@ -18,13 +17,13 @@ from sim.coupling.checks import check_physics, check_solver
 from sim.coupling.custom_fields import METHOD, check_geoms, numerics_of, of_geom, prefixes, texts_of
 from sim.coupling.drag_fields import DragFields
 from sim.coupling.faults import Faults, say
-from sim.coupling.floats import FloatingGeom, Listed, listed_geoms
+from sim.coupling.floats import FloatingGeom, Listed, first_state, listed_geoms
 from sim.coupling.notes import notes_about, notes_about_sizes
 from sim.coupling.numbers import NUMERICS
 from sim.coupling.overlaps import Shape, notes_of_overlaps, united_shapes
 from sim.coupling.primitives import geom_hull
 from sim.coupling.sea_fields import sea_of
-from sim.coupling.settings import overrule
+from sim.coupling.settings import Overrulings, overrule
 from sim.hull import Hull
 from sim.methods import Method, Settings, make_method
 from sim.water.sea import Sea
@@ -53,39 +52,37 @@ class Part:
     listed: list[Listed]
 
 
-def read_model(
-    model: mujoco.MjModel,
-    method: str | None = None,
-    tolerance: float | None = None,
-    pressure: str | None = None,
-    settings: Iterable[str] = (),
-    folder: Path = Path(),
-) -> Floating:
-    """The sea and the floating geoms of a compiled model; `method`, `tolerance` and `pressure`
-    overrule what it says, for all geoms, `settings` (see `settings`) its fields. A method may name
-    a pressure too: "patches/hydrostatic". Files that it names are looked for in the folder.
+def read_model(model: mujoco.MjModel, overrulings: Overrulings) -> Floating:
+    """The sea and the floating geoms of a compiled model, but for what is overruled.
 
     Raises ModelError, with all that is wrong, each with the element at fault and the remedy; warns
     by a Note of what is likely not meant.
     """
-    faults, notes = Faults(), []
-    if method is not None and "/" in method:
-        method, pressure = method.split("/", 1)
-        method = method or None
+    faults, notes, start = Faults(), [], None
     check_physics(model, faults)
-    parts = list(_parts(model, settings, faults))
-    sea = sea_of(model, [(p.prefix, p.numerics, p.texts) for p in parts], pressure, folder, faults)
+    with faults.collected():
+        start = first_state(model, overrulings.keyframe)
+    parts = list(_parts(model, overrulings.settings, faults))
+    sea = sea_of(
+        model,
+        [(p.prefix, p.numerics, p.texts) for p in parts],
+        overrulings.pressure,
+        overrulings.folder,
+        faults,
+    )
+    method = overrulings.method
     shapes = [shape for part in parts for shape in _shapes(model, part, method, faults, notes)]
     if all(part.numerics.get("buoyancy_union", [1.0])[0] for part in parts):
         shapes, counted = united_shapes(model, shapes)
         notes += counted
-    notes += notes_of_overlaps(model, shapes)
+    if start is not None:
+        notes += notes_of_overlaps(start, shapes)
     floats = []
     if sea is not None:
         made_settings = {}
         for part in parts:
             with faults.collected():
-                made_settings[part.prefix] = _read_settings(part.numerics, tolerance)
+                made_settings[part.prefix] = _read_settings(part.numerics, overrulings.tolerance)
         floats = list(_floats(model, sea, shapes, made_settings, faults))
         if any(f.drag for f in floats):
             with faults.collected():
@@ -94,7 +91,7 @@ def read_model(
     if faults.found:
         say(notes)  # which may tell why
     faults.refuse()
-    say([*notes, *notes_about(model, sea, floats)])
+    say([*notes, *notes_about(model, start, sea, floats)])
     threads = next(
         (p.numerics["buoyancy_threads"] for p in parts if "buoyancy_threads" in p.numerics), [1.0]
     )

@@ -12,7 +12,6 @@ from sim.coupling.floats import (
     bodies_above,
     body_label,
     collides,
-    first_state,
     geom_label,
 )
 from sim.hull import Hull
@@ -30,12 +29,14 @@ NEAR = 0.1
 """Of a hull's extents: a floor this close to the waves' band is in their way."""
 
 
-def notes_about(model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom]) -> list[str]:
-    """All that there is to say about a model that floats."""
+def notes_about(
+    model: mujoco.MjModel, start: mujoco.MjData, sea: Sea, floats: Sequence[FloatingGeom]
+) -> list[str]:
+    """All that there is to say about a model that floats, from where it starts."""
     trees = _trees(model, floats)
     return [
         *_about_air(model), *_about_gravity(model, floats), *_about_densities(model, sea, trees),
-        *_about_floors(model, sea, floats),
+        *_about_floors(model, start, sea, floats),
         *(f"geom '{f.name}': {note}" for f in floats for note in f.method.notes),
     ]  # fmt: skip
 
@@ -99,16 +100,17 @@ def notes_about_sizes(sea: Sea, hulls: Iterable[tuple[str, Hull]]) -> Iterator[s
             )
 
 
-def _about_floors(model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom]) -> Iterator[str]:
+def _about_floors(
+    model: mujoco.MjModel, start: mujoco.MjData, sea: Sea, floats: Sequence[FloatingGeom]
+) -> Iterator[str]:
     """Static planes, boxes and height fields at the water's surface, which floats may stand on."""
-    data = first_state(model)
-    band = sum(wave.amplitude for wave in sea.waves)
-    margin = NEAR * max(float(np.ptp(f.method.hull.bounds, axis=0).max()) for f in floats)
+    size = max(float(np.ptp(f.method.hull.bounds, axis=0).max()) for f in floats)
+    band = sea.amplitude + NEAR * size
     for geom in np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0):
-        top = _top(model, data, int(geom))
-        if top is None or not collides(model, int(geom)) or abs(top - sea.level) > band + margin:
+        top = _top(model, start, int(geom))
+        if top is None or not collides(model, int(geom)) or abs(top - sea.level) > band:
             continue
-        over = [f for f in floats if _is_over(model, data, int(geom), f)]
+        over = [f for f in floats if _is_over(model, start, int(geom), f)]
         if over:
             kind = mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
             yield (

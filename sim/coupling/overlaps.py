@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling.drag_fields import DragFields
-from sim.coupling.floats import first_state
 from sim.coupling.primitives import frame_rotation
 from sim.hull import Hull
 from sim.meshes.union import overlapping, shared_volume, united
@@ -83,11 +82,11 @@ def united_shapes(model: mujoco.MjModel, shapes: Sequence[Shape]) -> tuple[list[
     return sorted(found, key=lambda shape: order[shape.geoms[0]]), notes
 
 
-def notes_of_overlaps(model: mujoco.MjModel, shapes: Sequence[Shape]) -> list[str]:
-    """What is to be said of hulls that overlap where the model's first state has them."""
+def notes_of_overlaps(start: mujoco.MjData, shapes: Sequence[Shape]) -> list[str]:
+    """What is to be said of hulls that overlap at the start."""
     if len(shapes) < 2:
         return []
-    pairs = list(_overlaps(model, shapes))
+    pairs = list(_overlaps(start, shapes))
     if not pairs:
         return []
     named = [
@@ -102,12 +101,11 @@ def notes_of_overlaps(model: mujoco.MjModel, shapes: Sequence[Shape]) -> list[st
 
 
 def _overlaps(
-    model: mujoco.MjModel, shapes: Sequence[Shape]
+    start: mujoco.MjData, shapes: Sequence[Shape]
 ) -> Iterator[tuple[Shape, Shape, float]]:
     """Pairs of shapes with the volume [m^3] that they share at the start."""
-    data = first_state(model)
     placed = [
-        s.hull.moved(data.geom_xmat[g].reshape(3, 3), data.geom_xpos[g])
+        s.hull.moved(start.geom_xmat[g].reshape(3, 3), start.geom_xpos[g])
         for s, g in ((shape, shape.geoms[0]) for shape in shapes)
     ]
     for group in overlapping(np.array([hull.bounds for hull in placed])):

@@ -1,14 +1,16 @@
 """Scene: an MJCF file as something that can be stepped: model, data and buoyancy."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from sim.coupling.buoyancy import Buoyancy
 from sim.coupling.faults import ModelError, say
+from sim.coupling.floats import first_state
 from sim.coupling.hydrostatics import notes_about_start
 
 
@@ -26,30 +28,21 @@ class Scene:
         cls,
         path: str | Path,
         method: str | None = None,
-        tolerance: float | None = None,
-        timestep: float | None = None,
-        threads: int | None = None,
-        pressure: str | None = None,
-        settings: Iterable[str] = (),
-        keyframe: str | None = None,
         densities: Mapping[str, float] | None = None,
+        **overrulings: Any,
     ) -> "Scene":
         """Compile an MJCF file and put it into a keyframe, by its name, or the first one, if it has
         one.
 
-        method, tolerance, timestep [s], threads and pressure overrule what the file says, settings
-        its custom fields ("wave_swell=0.2 4 0 0", see `settings`), densities [kg/m^3] those of
-        geoms by their names. Raises FileNotFoundError, or ModelError with all that is wrong with
-        the file; warns by a Note of what is likely not meant, and of bodies that will not stay as
-        they start.
+        What overrules the file: densities [kg/m^3] of geoms by their names, and all that
+        `from_model` takes. Raises FileNotFoundError, or ModelError with all that is wrong with the
+        file; warns by a Note of what is likely not meant, and of bodies that will not stay as they
+        start.
         """
         path = Path(path)
         model = _compiled(path, densities or {})
         try:
-            return cls.from_model(
-                model, path.stem, method, tolerance, timestep, threads, pressure, settings,
-                keyframe, path.parent,
-            )  # fmt: skip
+            return cls.from_model(model, path.stem, method, folder=path.parent, **overrulings)
         except ModelError as error:
             raise error.located(str(path)) from None
         except ValueError as error:
@@ -61,28 +54,19 @@ class Scene:
         model: mujoco.MjModel,
         name: str = "scene",
         method: str | None = None,
-        tolerance: float | None = None,
         timestep: float | None = None,
-        threads: int | None = None,
-        pressure: str | None = None,
-        settings: Iterable[str] = (),
         keyframe: str | None = None,
-        folder: str | Path = "",
+        **overrulings: Any,
     ) -> "Scene":
-        """The same for a model that is compiled already; `timestep` is written into it. Files that
-        its fields name are looked for in the folder."""
+        """The same for a model that is compiled already; `timestep` [s] is written into it. Method
+        and others (tolerance, threads, pressure, settings, folder) are those of
+        `Buoyancy.from_model`."""
         if timestep is not None:
             if not (np.isfinite(timestep) and timestep > 0):
                 raise ValueError(f"the timestep is {timestep} s; it must be finite and above 0")
             model.opt.timestep = timestep
-        key = _keyframe(model, keyframe)
-        buoyancy = Buoyancy.from_model(
-            model, method, tolerance, threads, pressure, settings, folder
-        )
-        data = mujoco.MjData(model)
-        if key >= 0:
-            mujoco.mj_resetDataKeyframe(model, data, key)
-            _check_finite(model, data, key)
+        buoyancy = Buoyancy.from_model(model, method, keyframe=keyframe, **overrulings)
+        data = first_state(model, keyframe)
         mujoco.mj_forward(model, data)
         scene = cls(name, model, data, buoyancy)
         say(notes_about_start(scene))
@@ -130,24 +114,3 @@ def _make_dense(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:
                 [f"density: the body of geom '{name}' has an <inertial> of its own; take it away"]
             )
         geom.density, geom.mass = density, np.nan  # NaN: by the density
-
-
-def _keyframe(model: mujoco.MjModel, name: str | None) -> int:
-    """The keyframe of a name, or the first; -1 where there is none. Raises ModelError."""
-    if name is None:
-        return 0 if model.nkey else -1
-    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, name)
-    if key < 0:
-        known = ", ".join(f"'{model.key(i).name}'" for i in range(model.nkey)) or "none"
-        raise ModelError([f"there is no keyframe '{name}'; the scene has {known}"])
-    return key
-
-
-def _check_finite(model: mujoco.MjModel, data: mujoco.MjData, key: int) -> None:
-    """Refuse a keyframe with numbers that are not finite: MuJoCo would take others."""
-    name = model.key(key).name
-    for what in ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
-        if not np.isfinite(getattr(data, what)).all():
-            raise ModelError(
-                [f"keyframe '{name}': its {what} has a number that is not finite; correct it"]
-            )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sim.geometry import sides
 from sim.hull import Hull
-from sim.methods.patch_tree import MAX_TRIANGLES, PatchTree, build_tree, enclosing_ball
+from sim.methods.patch_tree import EDGES, MAX_TRIANGLES, PatchTree, build_tree, enclosing_ball
 from sim.water.fit import edge_tolerance, jet_radius, jet_tolerance, jet_waves, longest_edge
 from sim.water.sea import Sea
 
@@ -79,12 +79,12 @@ def _asked(hull: Hull, sea: Sea, tolerance: float) -> Sizes:
     """Of a tolerance that is asked for; refused by estimate, where cutting would take its time."""
     least = _radius_of(hull, MOST_PATCHES_ASKED)
     radius = jet_radius(sea, tolerance, _reach(hull), least)
-    edge = longest_edge(sea, jet_waves(sea, radius), tolerance)
+    edge = min(longest_edge(sea, jet_waves(sea, radius), tolerance), EDGES * radius)
     found = ""
     if radius < least:
         found = f"patches below {radius:.3g} m, more than {MOST_PATCHES_ASKED}"
-    elif _triangles(hull, min(edge, radius)) > 2.0 * MAX_TRIANGLES:  # nearer ones are counted
-        found = f"triangles with edges below {min(edge, radius):.3g} m, more than {MAX_TRIANGLES}"
+    elif _triangles(hull, edge) > 2.0 * MAX_TRIANGLES:  # nearer ones are counted
+        found = f"triangles with edges below {edge:.3g} m, more than {MAX_TRIANGLES}"
     if found:
         raise ValueError(
             f"the tolerance asks for {found} on this hull; ask for a larger tolerance or a calmer "
