@@ -378,7 +378,7 @@ def report_random(options: argparse.Namespace) -> int:
     tried = len(cases)
     write_json(options.json, {"cases": [asdict(case) for case in cases]})
     cases = [c for c in cases if c.error == c.error]  # others have no reference
-    kept = [c for c in cases if not c.is_coarsened]
+    kept = [c for c in cases if not c.is_coarse]
     cells = [
         (
             what, str(len(some)), f"{max(c.error for c in some):.1e}",
@@ -386,7 +386,7 @@ def report_random(options: argparse.Namespace) -> int:
             str(max(c.patches for c in some)), max(some, key=lambda c: c.error).name,
         )
         for what, some in (
-            ("default tolerance kept", kept), ("coarsened", [c for c in cases if c.is_coarsened])
+            ("default tolerance kept", kept), ("coarsened", [c for c in cases if c.is_coarse])
         ) if some
     ]  # fmt: skip
     titles = ("", "cases", "largest error", "median", "longest s", "most patches", "largest of")

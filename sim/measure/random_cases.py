@@ -17,7 +17,6 @@ from sim.hull import Hull
 from sim.measure.accuracy import errors, wrenches
 from sim.measure.seas import Pose, steepened, waterline_poses
 from sim.methods import Patches, Reference
-from sim.methods.patch_sizes import default_tolerance
 from sim.water.sea import Sea
 from sim.water.wave import Wave
 
@@ -34,19 +33,15 @@ STEEPEST = 0.8
 @dataclass(frozen=True)
 class RandomCase:
     """A hull in a sea at the default tolerance: seconds that it took to be ready, its patches, the
-    tolerance that is kept [m], the default one, and the largest force error at POSES, of density *
-    gravity * volume."""
+    tolerance that is kept [m], whether that is coarser than the default one, and the largest force
+    error at POSES, of density * gravity * volume."""
 
     name: str
     seconds: float
     patches: int
     tolerance: float
-    wished: float
+    is_coarse: bool
     error: float
-
-    @property
-    def is_coarsened(self) -> bool:
-        return self.tolerance > self.wished
 
 
 def random_hull(rng: np.random.Generator) -> tuple[str, Hull]:
@@ -103,7 +98,7 @@ def random_cases(count: int, seed: int = 0, truth: float = TRUTH) -> Iterator[Ra
             seconds,
             len(method.tree.patches),
             method.tolerance,
-            default_tolerance(hull),
+            method.is_coarse,
             found.force_max,
         )
 

@@ -42,10 +42,6 @@ gerstner.LANES, at most 32."""
 APART = 1.5
 """A triangle farther than so many radii from all seeds of patches becomes one itself."""
 
-EDGES = 0.5
-"""Longest edge of a triangle in radii of a patch: of longer ones no patch can be made that fills
-its ball (a ship of 860 patches has 750 so), shorter ones make more of the waterline's leaves."""
-
 LLOYD_ROUNDS, MORE_SEEDS = 15, 10
 """How often seeds move, and how often there are more of them: beyond that little changes."""
 
@@ -139,8 +135,8 @@ def odd_corner_first(code, heads, n):
 
 def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
     """Cut a hull into patches of at most a radius [m], its triangles split until no edge is longer
-    than `edge` [m] or EDGES of the radius. Raises ValueError when that makes too many triangles."""
-    edge = min(edge, EDGES * radius)
+    than `edge` [m] or the radius. Raises ValueError when that makes too many triangles."""
+    edge = min(edge, radius)
     try:
         corners = split_triangles(
             across(hull.vertices[hull.faces], edge),

@@ -120,9 +120,10 @@ class Patches(Compiled):
     water's weight in the force, or for what can be kept of it (see `patch_sizes`). Raises
     ValueError for a tolerance that is not positive or asks for too many patches.
 
-    tree: the hull cut for this sea; radius [m]: of the largest patch allowed, inf on flat water;
-    fitted: the sea's components that this hull's jets are made of, those that the radius was found
-    with. Over smaller discs the error may be larger, where a wave is shorter than a patch.
+    is_coarse: whether it is the latter; tree: the hull cut for this sea; radius [m]: of the largest
+    patch allowed, inf on flat water; fitted: the sea's components that this hull's jets are made
+    of, those that the radius was found with. Over smaller discs the error may be larger, where a
+    wave is shorter than a patch.
     """
 
     takes_tolerance = True
@@ -135,7 +136,8 @@ class Patches(Compiled):
         super().__init__(hull, sea)
         sizes, self.tree = cut(hull, sea, tolerance)
         self.radius, self.tolerance = sizes.radius, sizes.tolerance
-        if tolerance is None and self.tolerance > default_tolerance(hull):
+        self.is_coarse = sizes.is_coarse
+        if self.is_coarse:
             self.notes = (
                 f"the water's height is kept to {self.tolerance:.2g} m instead of "
                 f"{default_tolerance(hull):.2g}, as much as {len(self.tree.patches)} patches can "

@@ -5,7 +5,9 @@ a label takes, are found on samples of the sea: particles of all phases alike. W
 would have to conspire, bounds are several times too careful.
 """
 
+from collections.abc import Mapping, Sequence
 from itertools import product
+from math import factorial, prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,12 +51,19 @@ DIRECTIONS, RINGS = 8, (0.25, 0.5, 0.75, 1.0)
 DIPS = tuple(np.radians([-90.0, -45.0, 0.0, 45.0]))
 """Slopes of these directions, where jets are tried below the surface."""
 
+SURFACE_TERMS = {name: name[2:] for name in JET.names if name[0] == "z"}
+HEAD_TERMS = {name: name.replace("h", "") for name in HEAD_JET.names}
+"""Fields of jets, and the axes of the derivatives that they are."""
+
 MOST_TURNS = 1000.0
 """Radii of a disc over a wavelength, times 2 pi, above which a fit takes them for so many."""
 
-RADII = 20
-"""Radii that are tried at most: a tolerance near round-off is met by none, and the number of
-triangles it asks for is refused."""
+RADII = 40
+"""Radii that are tried at most: a tolerance near round-off is met by none."""
+
+NO_LESS = 0.9
+"""An error is as large as another of which it is so much: waves that are shorter than patches are
+missed as a whole, however large these are, and radii are halved until they are longer."""
 
 SHIFT = 0.05
 """A jet may come from a particle so many radii away from the patch's centre: the solve for it then
@@ -144,30 +153,39 @@ def jet_waves(sea: Sea, radius: float) -> Table:
     return fitted_waves(sea, radius * np.where(is_short, 1.0, share))
 
 
-def jet_radius(sea: Sea, tolerance: float, largest: float, smallest: float = 0.0) -> float:
-    """Radius [m] up to which a fitted jet of the sea is right to the tolerance [m], at most
-    `largest` [m]; inf on flat water. What is below `smallest` [m] may be too large.
+def jet_radius(
+    sea: Sea, tolerance: float, largest: float, smallest: float = 0.0
+) -> tuple[float, float]:
+    """Radius [m] up to which a fitted jet of the sea is right to the tolerance [m], from `largest`
+    to `smallest` [m], and what is kept there [m]: more than the tolerance at the smallest where no
+    radius will do. inf and 0 on flat water.
 
     A bound from the fourth derivatives would do as well, but where many waves would have to
     conspire it asks for several times too many patches. So jets are tried where particles
-    are, all phases alike, and the worst error found, times SAFETY, has to pass.
+    are, all phases alike, and the worst error found, times SAFETY, has to pass: on the outermost
+    ring, where it mostly is, and then on all.
     """
     if not sea.components.size:
-        return np.inf
-    radius = largest
+        return np.inf, 0.0
+    radius, last, error = largest, np.inf, np.inf
     for _ in range(RADII):
-        error = jet_tolerance(sea, radius)
-        if error <= tolerance or radius < smallest:
+        error, is_last = jet_tolerance(sea, radius, RINGS[-1:]), radius <= smallest
+        if error <= tolerance or is_last:
+            error = jet_tolerance(sea, radius)
+        if error <= tolerance or is_last:
             break
         # error ~ radius^4 where it is small; a hair less, so that the next try passes
-        radius *= 0.99 * (tolerance / error) ** 0.25
-    return radius
+        shrunk = 0.99 * (tolerance / error) ** 0.25
+        radius = max(radius * (shrunk if error < NO_LESS * last else min(shrunk, 0.5)), smallest)
+        last = error
+    return radius, error
 
 
-def jet_tolerance(sea: Sea, radius: float) -> float:
-    """Tolerance [m] to which the fitted jets of a sea are right over patches of a radius [m]."""
+def jet_tolerance(sea: Sea, radius: float, rings: Sequence[float] = RINGS) -> float:
+    """Tolerance [m] to which the fitted jets of a sea are right over patches of a radius [m], as
+    far as rings of so many radii tell."""
     find_error = jet_error if sea.pressure == "hydrostatic" else head_jet_error
-    return SAFETY * find_error(sea, jet_waves(sea, radius), (1.0 + SHIFT) * radius)
+    return SAFETY * find_error(sea, jet_waves(sea, radius), (1.0 + SHIFT) * radius, rings)
 
 
 def jets_of(sea: Sea, waves: Table, x: Array, y: Array) -> Table:
@@ -178,17 +196,18 @@ def jets_of(sea: Sea, waves: Table, x: Array, y: Array) -> Table:
     return jets
 
 
-def jet_error(sea: Sea, waves: Table, radius: float) -> float:
-    """Largest error [m] of the surface's jets at the samples, of fitted waves, up to a radius away
-    from them."""
+def jet_error(sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS) -> float:
+    """Largest error [m] of the surface's jets at the samples, of fitted waves, on rings of so many
+    times a radius [m] around them."""
     x, y = sample_places(sea)
-    jets = jets_of(sea, waves, x, y)
+    jets = fields_of(jets_of(sea, waves, x, y), SURFACE_TERMS)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     worst = 0.0
-    for ring, angle in product(RINGS, angles):
+    for ring, angle in product(rings, angles):
         dx, dy = ring * radius * np.cos(angle), ring * radius * np.sin(angle)
         found = sea.elevation(x + dx, y + dy, sea.ramp) - still(sea)
-        worst = max(worst, float(np.abs(found - cubic(jets, dx, dy)).max()))
+        said = taylor_weights(SURFACE_TERMS, {"x": dx, "y": dy}) @ jets
+        worst = max(worst, float(np.abs(found - said).max()))
     return worst
 
 
@@ -201,7 +220,7 @@ def head_jets(sea: Sea, waves: Table, x: Array, y: Array, above: Array) -> Table
     return jets
 
 
-def head_jet_error(sea: Sea, waves: Table, radius: float) -> float:
+def head_jet_error(sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS) -> float:
     """The same of the head's jets, at the samples and up to two radii below and one above them.
     Above the water is no head to be right about, but what is there must not be taken to be below.
     """
@@ -209,36 +228,31 @@ def head_jet_error(sea: Sea, waves: Table, radius: float) -> float:
     share = np.resize(np.linspace(-2.0, 1.0, 7), x.size)
     above = sea.elevation(x, y, sea.ramp) - still(sea) + radius * np.minimum(share, 0.0)
     above += 0.7 * radius * np.maximum(share, 0.0)
-    jets = head_jets(sea, waves, x, y, above)
+    jets = fields_of(head_jets(sea, waves, x, y, above), HEAD_TERMS)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     worst = 0.0
-    for ring, angle, dip in product(RINGS, angles, DIPS):
+    for ring, angle, dip in product(rings, angles, DIPS):
         dx, dy = (ring * radius * np.cos(dip) * f(angle) for f in (np.cos, np.sin))
         dz = ring * radius * np.sin(dip)
         found = sea.head(x + dx, y + dy, still(sea) + above + dz, sea.ramp)
-        said = head_cubic(jets, dx, dy, dz)
+        said = taylor_weights(HEAD_TERMS, {"x": dx, "y": dy, "z": dz}) @ jets
         missed = np.where(found >= 0.0, np.abs(found - said), np.maximum(said, 0.0))
         worst = max(worst, float(missed.max()))
     return worst
 
 
-def head_cubic(jets: Table, dx: float, dy: float, dz: float) -> Array:
-    """Heads (N,) [m] that HEAD_JETs say for places dx, dy, dz [m] away."""
-    head = jets["h"].copy()
-    for order in (1, 2, 3):
-        for axes in product("xyz", repeat=order):
-            step = np.prod([{"x": dx, "y": dy, "z": dz}[axis] for axis in axes])
-            head += step * jets["".join(sorted(axes))] / (1.0, 1.0, 2.0, 6.0)[order]
-    return head
+def fields_of(jets: Table, terms: Mapping[str, str]) -> Array:
+    """Fields (T, N) of jets (N,), in the order of the terms."""
+    return np.stack([jets[name] for name in terms])
 
 
-def cubic(jets: Table, dx: float, dy: float) -> Array:
-    """Heights (N,) [m] above the level that jets say for places dx, dy [m] away."""
-    height = jets["z"] + dx * jets["z_x"] + dy * jets["z_y"]
-    height += 0.5 * (dx * dx * jets["z_xx"] + dy * dy * jets["z_yy"]) + dx * dy * jets["z_xy"]
-    height += (dx**3 * jets["z_xxx"] + dy**3 * jets["z_yyy"]) / 6.0
-    height += 0.5 * dx * dy * (dx * jets["z_xxy"] + dy * jets["z_xyy"])
-    return height
+def taylor_weights(terms: Mapping[str, str], step: Mapping[str, float]) -> Array:
+    """Weights (T,) of terms, each a derivative along such axes, in a Taylor series over a step [m]
+    along each axis."""
+    return np.array(
+        [prod(step[a] ** axes.count(a) / factorial(axes.count(a)) for a in step)
+         for axes in terms.values()]
+    )  # fmt: skip
 
 
 def longest_edge(sea: Sea, waves: Table, tolerance: float) -> float:
