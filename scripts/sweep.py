@@ -3,8 +3,9 @@
     python scripts/sweep.py models/bunny.xml --set wave_swell.amplitude=0.05,0.1,0.2 --output a.csv
     python scripts/sweep.py my.xml --seeds 20 --jobs -1 --output seeds.parquet
 
-Exit status: 0 on success, 2 on unusable input, 4 when the disk is full, 130 after Ctrl-C, 143 after
-SIGTERM. Rows that are done by then are kept beside the output; --resume goes on from them.
+Exit status: 0 on success, 2 on unusable input, 4 when the disk is full or a process was killed, 130
+after Ctrl-C, 143 after SIGTERM. Rows that are done by then are kept beside the output; --resume
+goes on from them.
 """
 
 from command_line import (
@@ -33,9 +34,11 @@ import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
+from typing import TextIO
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
@@ -108,6 +111,13 @@ def rows_of(plan: Plan, runs: Sequence[Run], options: argparse.Namespace) -> Ite
         yield from Parallel(return_as="generator_unordered", batch_size=1)(tasks)
 
 
+def keep(file: TextIO, row: Row) -> None:
+    """Write a row down for good."""
+    file.write(json.dumps(row) + "\n")
+    file.flush()
+    os.fsync(file.fileno())
+
+
 def collect(
     plan: Plan, runs: Sequence[Run], rows: list[Row], options: argparse.Namespace, kept: Path
 ) -> int:
@@ -121,17 +131,24 @@ def collect(
         progress(len(runs), "runs", options.quiet) as bar,
     ):
         bar.update(len(rows))
+        if not file.tell():
+            keep(file, plan.as_row())
         try:
             for row in rows_of(plan, missing, options):
-                file.write(json.dumps(row) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
+                keep(file, row)
                 rows.append(row)
                 bar.update(1)
                 if received:
                     return received[0]
         except KeyboardInterrupt:  # of a worker, which a terminal's Ctrl-C reaches too
             return signal.SIGINT
+        except BrokenProcessPool:  # workers that it ended at once
+            if received:
+                return received[0]
+            raise OSError(
+                f"a process was killed, perhaps for its memory; {len(rows)} of {len(runs)} runs "
+                "are kept, --resume goes on, and fewer --jobs need less"
+            ) from None
     return 0
 
 
@@ -167,7 +184,7 @@ def main(arguments: list[str] | None = None) -> int:
         plan = Plan(
             options.scene.resolve(), options.duration, options.warm_up, options.rate, options.method
         )
-        rows = kept_rows(kept, runs) if options.resume else []
+        rows = kept_rows(kept, plan, runs) if options.resume else []
         if not options.resume and kept.exists():
             raise ValueError(f"{kept} has rows of an interrupted sweep; --resume, or remove it")
         check_cluster(options.dask)

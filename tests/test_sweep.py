@@ -1,14 +1,16 @@
 """Sweeps and series: a scene run many times, what is kept of it, and tables of samples."""
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import model, xml
+from scenes import CUBE, WAVES, model, xml
 
 from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
 from sim import Scene, simulate
@@ -109,6 +111,15 @@ def test_tables_come_back_as_they_were(ending, tmp_path):
     assert found["body"].tolist() == columns["body"].tolist()
 
 
+def wait_for_rows(process: subprocess.Popen, kept: Path) -> None:
+    """Until a sweep has kept two of its rows, behind its plan."""
+    deadline = time.monotonic() + 120.0
+    while not (kept.exists() and kept.read_text().count("\n") >= 3):
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.02)
+
+
 def interrupted(tmp_path, number: int, jobs: str = "1") -> int:
     """A sweep of 25 runs that a signal stops after some; how many rows it has kept."""
     command = [*SWEEP, str(MODELS / "cube.xml"), "--starts", "25", "--duration", "12", "--jobs",
@@ -117,17 +128,14 @@ def interrupted(tmp_path, number: int, jobs: str = "1") -> int:
         command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c,
         start_new_session=True,
     )  # fmt: skip
-    kept, deadline = tmp_path / "a.parquet.rows", time.monotonic() + 120.0
-    while not (kept.exists() and kept.read_text().count("\n") >= 3):
-        assert time.monotonic() < deadline
-        assert process.poll() is None
-        time.sleep(0.02)
+    kept = tmp_path / "a.parquet.rows"
+    wait_for_rows(process, kept)
     if jobs == "1":
         process.send_signal(number)
     else:
         os.killpg(process.pid, number)  # as a terminal does: to workers too
     _, said = process.communicate(timeout=60)
-    assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
+    assert process.returncode == (-number if number == signal.SIGKILL else 128 + number), said
     if number != signal.SIGKILL:
         assert "runs are kept, --resume goes on" in said
         assert "Traceback" not in said
@@ -154,11 +162,29 @@ def test_ctrl_c_stops_all_processes(tmp_path):
     assert 3 <= interrupted(tmp_path, signal.SIGINT, jobs="2") < 25
 
 
+@pytest.mark.skipif(not Path("/proc").exists(), reason="finds processes by Linux's /proc")
+def test_a_killed_worker_is_said_and_what_was_done_is_kept(tmp_path):
+    command = [*SWEEP, str(MODELS / "cube.xml"), "--starts", "25", "--duration", "12", "--jobs",
+               "2", "--output", "a.csv", "--quiet"]  # fmt: skip
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    wait_for_rows(process, tmp_path / "a.csv.rows")
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    workers = [c for c in children if b"popen_loky" in Path(f"/proc/{c}/cmdline").read_bytes()]
+    os.kill(int(workers[0]), signal.SIGKILL)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 4
+    assert said.startswith("sweep.py: a process was killed")  # behind it joblib may tidy up
+    assert "Traceback" not in said
+    assert (tmp_path / "a.csv.rows").exists()
+
+
 def test_half_a_row_is_taken_away_before_more_follow(tmp_path):
     """Else the next one would be glued to it, and lost with all behind it to who resumes again."""
-    path, whole = tmp_path / "rows", '{"run": 0, "status": "held"}\n'
+    path, plan = tmp_path / "rows", Plan(MODELS / "cube.xml", 4.0, 1.0, 10.0)
+    whole = json.dumps(plan.as_row()) + '\n{"run": 0, "start": 0.0, "status": "held"}\n'
     path.write_text(whole + '{"run": 1, "sta')
-    assert kept_rows(path, runs_of([], 0, 3)) == [{"run": 0, "status": "held"}]
+    rows = [{"run": 0, "start": 0.0, "status": "held"}]
+    assert kept_rows(path, plan, runs_of([], 0, 1)) == rows
     assert path.read_text() == whole
 
 
@@ -171,11 +197,35 @@ def test_columns_without_a_number_are_left_out_of_the_summary(tmp_path, capsys):
     assert "cube heave std" in told.out
 
 
-def test_rows_of_another_sweep_are_not_gone_on_from(tmp_path, capsys):
-    (tmp_path / "a.csv.rows").write_text('{"run": 0, "seed": "3"}\n')
-    arguments = ("--set", "wave_swell.amplitude=0.1", "--output", tmp_path / "a.csv", *SHORT)
-    assert status_of("sweep.py", MODELS / "cube.xml", *arguments, "--resume") == 2
-    assert "has rows of another sweep" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("others", "message"),
+    [
+        (("--set", "wave_swell.amplitude=0.2"), "rows of another sweep; remove"),
+        (("--method", "linear"), "rows of another sweep, whose method is not the same"),
+        (("--duration", "5"), "rows of another sweep, whose duration is not the same"),
+    ],
+    ids=lambda v: v[0] if isinstance(v, tuple) else "",
+)
+def test_rows_of_another_sweep_are_not_gone_on_from(others, message, tmp_path, capsys):
+    kept = tmp_path / "a.csv.rows"
+    options = ("--set", "wave_swell.amplitude=0.1", "--output", tmp_path / "a.csv", *SHORT)
+    rows = [Plan(MODELS / "cube.xml", 4.0, 1.0, 10.0).as_row()]
+    rows += [{"run": 0, "wave_swell.amplitude": "0.1", "start": 0.0, "status": "held"}]
+    kept.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert status_of("sweep.py", MODELS / "cube.xml", *options, *others, "--resume") == 2
+    assert message in capsys.readouterr().err
+    assert status_of("sweep.py", MODELS / "cube.xml", *options, "--resume", "--quiet") == 0
+    assert read_columns(tmp_path / "a.csv")["status"].tolist() == ["held"]
+
+
+def test_a_sweep_of_a_scene_that_was_edited_is_another_one(tmp_path):
+    path = tmp_path / "s.xml"
+    path.write_text(xml(CUBE))
+    before = Plan(path, 4.0, 1.0, 10.0).as_row()
+    path.write_text(xml(CUBE, custom=WAVES))
+    after = Plan(path, 4.0, 1.0, 10.0).as_row()
+    assert before.pop("scene") != after.pop("scene")
+    assert before == after
 
 
 def test_a_cluster_does_the_same(tmp_path):

@@ -9,8 +9,9 @@ import json
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
+from hashlib import sha256
 from itertools import product
 from pathlib import Path
 from time import perf_counter
@@ -21,6 +22,7 @@ import numpy as np
 
 from sim.coupling.divergence import DivergenceError
 from sim.coupling.faults import Note
+from sim.coupling.files import model_files
 from sim.coupling.floats import first_state
 from sim.coupling.scene import Scene
 from sim.coupling.simulation import check_run, simulate
@@ -41,6 +43,13 @@ class Plan:
     warm_up: float
     rate: float
     method: str | None = None
+
+    def as_row(self) -> Row:
+        """What tells it from others, the content of the scene's files among it."""
+        digest = sha256()
+        for path in sorted(model_files(self.scene)):
+            digest.update(path.read_bytes())
+        return asdict(self) | {"scene": digest.hexdigest()}
 
 
 @dataclass(frozen=True)
@@ -143,15 +152,22 @@ def check_plan(plan: Plan, run: Run) -> None:
     scene.compile_kernels()
 
 
-def kept_rows(path: Path, runs: Sequence[Run]) -> list[Row]:
-    """The rows that an interrupted sweep of the same runs has left; half a row at the end of the
-    file is taken away, so that more can follow. Raises ValueError for rows of another one."""
+def kept_rows(path: Path, plan: Plan, runs: Sequence[Run]) -> list[Row]:
+    """The rows that an interrupted sweep of the same runs has left, behind its plan; half a row at
+    the end of the file is taken away, so that more can follow. Raises ValueError for rows of
+    another one."""
     if not path.exists():
         return []
-    rows = list(_whole_lines(path))
+    head, *rows = list(_whole_lines(path)) or [{}]
+    for name, value in plan.as_row().items():
+        if head and head.get(name) != value:
+            raise ValueError(
+                f"{path} has rows of another sweep, whose {name} is not the same; remove it or "
+                "give its options"
+            )
     for row in rows:
         run = runs[row["run"]] if row["run"] < len(runs) else None
-        if run is None or any(row.get(name) != value for name, value in run.settings):
+        if run is None or not row.items() >= {**dict(run.settings), "start": run.start}.items():
             raise ValueError(f"{path} has rows of another sweep; remove it or give its options")
     whole = path.read_bytes().rfind(b"\n") + 1
     if whole < path.stat().st_size:
