@@ -101,7 +101,7 @@ def moments(waves) -> tuple[float, float, float]:
 
 def test_moments_of_bretschneiders_spectrum_are_the_closed_ones():
     """m0 = H^2 / 16; the mean period by m2 is Tp times (4 / 5 / pi)^(1/4) ..., 0.7104."""
-    m0, m2, _ = moments(bretschneider(2.0, 10.0, waves=4000))
+    m0, m2, _ = moments(bretschneider(2.0, 10.0).waves(waves=4000))
     assert m0 == pytest.approx(0.25, rel=1e-9)
     upcrossing = 2.0 * np.pi * np.sqrt(m0 / m2)
     expected = 10.0 * (5.0 / (4.0 * np.pi)) ** 0.25 * 0.8944  # (4/5)^(1/2)
@@ -111,20 +111,20 @@ def test_moments_of_bretschneiders_spectrum_are_the_closed_ones():
 
 def test_pierson_and_moskowitz_sea_has_the_wind_s_height_and_period():
     """At 19.5 m up 10 m/s: 2.13 m and 7.3 s."""
-    waves = pierson_moskowitz(0.2092 * 100.0 / 9.81, waves=2000)
+    waves = pierson_moskowitz(0.2092 * 100.0 / 9.81).waves(waves=2000)
     m0, m2, _ = moments(waves)
     assert 4.0 * np.sqrt(m0) == pytest.approx(2.1325, rel=1e-3)
     assert 2.0 * np.pi * np.sqrt(m0 / m2) == pytest.approx(0.7104 * 7.304, rel=0.01)
 
 
 def test_a_sea_with_two_peaks_is_the_sum_of_them():
-    both = ochi_hubble(0.5, 14.0, 4.0, 1.0, 6.0, 1.0, waves=2000)
+    both = ochi_hubble(0.5, 14.0, 4.0, 1.0, 6.0, 1.0).waves(waves=2000)
     m0, m2, _ = moments(both)
     assert 4.0 * np.sqrt(m0) == pytest.approx(np.hypot(0.5, 1.0), rel=1e-9)
-    wind = moments(ochi_hubble(1e-6, 14.0, 4.0, 1.0, 6.0, 1.0, waves=2000))
-    swell = moments(ochi_hubble(0.5, 14.0, 4.0, 1e-6, 6.0, 1.0, waves=2000))
+    wind = moments(ochi_hubble(1e-6, 14.0, 4.0, 1.0, 6.0, 1.0).waves(waves=2000))
+    swell = moments(ochi_hubble(0.5, 14.0, 4.0, 1e-6, 6.0, 1.0).waves(waves=2000))
     assert m2 == pytest.approx(wind[1] + swell[1], rel=0.02)  # bands end at their middles
-    plain = moments(bretschneider(1.0, 6.0, waves=2000))
+    plain = moments(bretschneider(1.0, 6.0).waves(waves=2000))
     np.testing.assert_allclose(wind[:2], plain[:2], rtol=0.01)  # a sharpness of 1
     periods = 2.0 * np.pi / np.sqrt(9.81 * np.array([w.wavenumber for w in both]))
     near = [np.count_nonzero(np.abs(periods / p - 1.0) < 0.05) for p in (14.0, 9.0, 6.0)]

@@ -24,7 +24,10 @@ SPECTRA = {
     "sea_pierson_moskowitz": pierson_moskowitz,
     "sea_ochi_hubble": ochi_hubble,
 }
-"""Custom numerics of irregular seas, whose numbers these take, and a gravity."""
+"""Custom numerics of irregular seas: their first numbers are those of a spectrum, the last
+CUTTING those by which it is cut into waves."""
+
+CUTTING = 4
 
 SEA_WATER_DENSITY = 1025.0  # kg/m^3, at 15 degrees C and 35 g/kg of salt
 
@@ -83,7 +86,7 @@ def _read_sea(
         with faults.collected():
             try:
                 if name in SPECTRA:
-                    waves += SPECTRA[name](*_in_radians(NUMERICS[name], values), gravity=gravity)
+                    waves += _irregular(name, _in_radians(NUMERICS[name], values), gravity)
                 elif name.startswith("wave_"):
                     waves.append(Wave(*_in_radians(WAVE, values)))
             except ValueError as error:
@@ -96,6 +99,14 @@ def _read_sea(
     current = numerics.get("water_current", (0.0, 0.0))
     ramp = float(numerics.get("water_ramp", [0.0])[0])
     return Sea(waves, density, gravity, level, pressure, current, ramp, tide)
+
+
+def _irregular(name: str, numbers: list[float], gravity: float) -> tuple[Wave, ...]:
+    """Waves of a spectrum that a custom numeric has the numbers of."""
+    own, cutting = numbers[:-CUTTING], numbers[-CUTTING:]
+    if name == "sea_pierson_moskowitz":  # whose period follows from it
+        own = [*own, gravity]
+    return SPECTRA[name](*own).waves(*cutting, gravity)
 
 
 def _from_files(numerics: Numerics, texts: Texts, gravity: float, folder: Path) -> list[Wave]:

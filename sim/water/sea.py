@@ -144,21 +144,18 @@ class Sea:
         spread: float = DEFAULT_SPREAD,
         waves: int = 40,
         seed: int = 0,
-        density: float = 1025.0,
         gravity: float = 9.81,
-        level: float = 0.0,
-        pressure: str = DEFAULT_PRESSURE,
+        **water: Any,
     ) -> "Sea":
         """An irregular sea with the JONSWAP spectrum (see `spectrum`).
 
         significant_height [m], 4 sqrt(m0); peak_period [s]; gamma: peak enhancement, 1 for a
-        fully developed sea; heading [rad]: the mean one; spread [rad]: standard deviation of the
-        headings, 0 for long crests; waves: how many, all of the same amplitude, each for one of
-        as many bands of equal energy; seed: of their phases and of which wave goes where.
-        Raises ValueError for numbers that cannot be and for waves that fold.
+        fully developed sea; heading, spread [rad], waves and seed: how it is cut into waves (see
+        `Spectrum.waves`); gravity [m/s^2] and others: as for any Sea. Raises ValueError for numbers
+        that cannot be and for waves that fold.
         """
-        shape = (significant_height, peak_period, gamma, heading, spread, waves, seed)
-        return cls(jonswap(*shape, gravity), density, gravity, level, pressure)
+        spectrum = jonswap(significant_height, peak_period, gamma)
+        return cls(spectrum.waves(heading, spread, waves, seed, gravity), gravity=gravity, **water)
 
     def _residual_tolerance(self) -> float:
         """Residual [m] that leaves ELEVATION_ERROR once its first-order effect is made up for: a

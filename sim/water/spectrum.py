@@ -22,6 +22,8 @@ Moskowitz 1964; Bretschneider 1959; Ochi and Hubble 1976;
 Longuet-Higgins, Cartwright and Smith 1963 and Mitsuyasu et al. 1975 for the spreading.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,55 +46,63 @@ DEFAULT_SPREAD = np.radians(25.0)
 """Standard deviation [rad] of the headings of a wind sea: 10 as the exponent in cos^2q."""
 
 
-def jonswap(
-    significant_height: float,
-    peak_period: float,
-    gamma: float = 3.3,
-    heading: float = 0.0,
-    spread: float = DEFAULT_SPREAD,
-    waves: int = 40,
-    seed: int = 0,
-    gravity: float = 9.81,
-) -> tuple[Wave, ...]:
-    """The waves of `Sea.jonswap`, in water of a gravity [m/s^2]. Raises ValueError."""
+@dataclass(frozen=True)
+class Spectrum:
+    """How the variance of a sea's elevation is spread over frequencies.
+
+    significant_height [m], 4 sqrt(m0); frequencies (N,) [rad/s], rising; density (N,) of the
+    variance there, up to a factor.
+    """
+
+    significant_height: float
+    frequencies: Array
+    density: Array
+
+    def waves(
+        self,
+        heading: float = 0.0,
+        spread: float = DEFAULT_SPREAD,
+        waves: int = 40,
+        seed: int = 0,
+        gravity: float = 9.81,
+    ) -> tuple[Wave, ...]:
+        """Waves of equal amplitudes for as many bands of equal energy, in water of a gravity
+        [m/s^2]; heading [rad]: the mean one; spread [rad]: standard deviation of the headings, 0
+        for long crests; seed: of their phases and of which wave goes where. Raises ValueError for
+        numbers that cannot be and for waves that fold."""
+        _check_directions(heading, spread)
+        _check_counts(waves, seed)
+        rng, count = np.random.default_rng(int(seed)), int(waves)
+        chosen = equal_energy_frequencies(self.frequencies, self.density, count)
+        headings = heading + rng.permutation(equal_share_angles(spread, count))
+        phases = rng.uniform(0.0, 2.0 * np.pi, count)
+        amplitude = self.significant_height * np.sqrt(1.0 / (8.0 * count))
+        lengths = 2.0 * np.pi * gravity / chosen**2
+        _check_folding(2.0 * np.pi / lengths * amplitude, self.significant_height)
+        return tuple(Wave(amplitude, *w) for w in zip(lengths, headings, phases, strict=True))
+
+
+def jonswap(significant_height: float, peak_period: float, gamma: float = 3.3) -> Spectrum:
+    """Of a growing sea of a height [m], peak period [s] and peak enhancement. Raises ValueError."""
     _check_height(significant_height, peak_period)
     if not (np.isfinite(gamma) and gamma >= 1.0):
         raise ValueError(f"gamma is {gamma}; it must be finite and 1 or more (3.3 is usual)")
-    shape = _shape(FREQUENCIES, gamma)
-    scale = 2.0 * np.pi / peak_period
-    return _waves_of(
-        FREQUENCIES * scale, shape, significant_height, heading, spread, waves, seed, gravity
-    )
+    peak = 2.0 * np.pi / peak_period
+    return Spectrum(significant_height, FREQUENCIES * peak, _shape(FREQUENCIES, gamma))
 
 
-def bretschneider(
-    significant_height: float,
-    peak_period: float,
-    heading: float = 0.0,
-    spread: float = DEFAULT_SPREAD,
-    waves: int = 40,
-    seed: int = 0,
-    gravity: float = 9.81,
-) -> tuple[Wave, ...]:
-    """Waves of a sea of any height [m] and peak period [s] without enhancement, which the ISSC
-    takes; the other numbers as in `Sea.jonswap`. Raises ValueError."""
-    return jonswap(significant_height, peak_period, 1.0, heading, spread, waves, seed, gravity)
+def bretschneider(significant_height: float, peak_period: float) -> Spectrum:
+    """Of a sea of any height [m] and peak period [s] without enhancement, which the ISSC takes.
+    Raises ValueError."""
+    return jonswap(significant_height, peak_period, gamma=1.0)
 
 
-def pierson_moskowitz(
-    significant_height: float,
-    heading: float = 0.0,
-    spread: float = DEFAULT_SPREAD,
-    waves: int = 40,
-    seed: int = 0,
-    gravity: float = 9.81,
-) -> tuple[Wave, ...]:
-    """The same of the fully developed sea that is so high [m]. Its peak is at 0.877 g / U rad/s
-    and its height 0.2092 U^2 / g, U being the wind 19.5 m up. Raises ValueError."""
+def pierson_moskowitz(significant_height: float, gravity: float = 9.81) -> Spectrum:
+    """Of the fully developed sea that is so high [m]. Its peak is at 0.877 g / U rad/s and its
+    height 0.2092 U^2 / g, U being the wind 19.5 m up. Raises ValueError."""
     _check_height(significant_height, 1.0)
     wind = np.sqrt(significant_height * gravity / 0.2092)
-    period = float(2.0 * np.pi * wind / (0.877 * gravity))
-    return bretschneider(significant_height, period, heading, spread, waves, seed, gravity)
+    return bretschneider(significant_height, float(2.0 * np.pi * wind / (0.877 * gravity)))
 
 
 def ochi_hubble(
@@ -102,13 +112,8 @@ def ochi_hubble(
     wind_sea_height: float,
     wind_sea_period: float,
     wind_sea_sharpness: float,
-    heading: float = 0.0,
-    spread: float = DEFAULT_SPREAD,
-    waves: int = 40,
-    seed: int = 0,
-    gravity: float = 9.81,
-) -> tuple[Wave, ...]:
-    """Waves of a sea with two peaks, each given by its significant height [m], peak period [s] and
+) -> Spectrum:
+    """Of a sea with two peaks, each given by its significant height [m], peak period [s] and
     sharpness (1 is Pierson and Moskowitz', more is narrower). Raises ValueError."""
     parts = (
         (swell_height, swell_period, swell_sharpness),
@@ -125,32 +130,7 @@ def ochi_hubble(
         x = frequencies / peak
         part = x ** -(4.0 * sharpness + 1.0) * np.exp(-(sharpness + 0.25) * (x**-4.0 - 1.0))
         density += height**2 * part / np.trapezoid(part, frequencies)
-    height = float(np.hypot(swell_height, wind_sea_height))
-    return _waves_of(frequencies, density, height, heading, spread, waves, seed, gravity)
-
-
-def _waves_of(
-    frequencies: Array,
-    density: Array,
-    height: float,
-    heading: float,
-    spread: float,
-    waves: int,
-    seed: int,
-    gravity: float,
-) -> tuple[Wave, ...]:
-    """Waves of equal amplitudes for a density of variance, up to a factor, at frequencies (N,)
-    [rad/s], with a significant height [m]. Raises ValueError."""
-    _check_directions(heading, spread)
-    _check_counts(waves, seed)
-    rng, count = np.random.default_rng(int(seed)), int(waves)
-    chosen = equal_energy_frequencies(frequencies, density, count)
-    headings = heading + rng.permutation(equal_share_angles(spread, count))
-    phases = rng.uniform(0.0, 2.0 * np.pi, count)
-    amplitude = height * np.sqrt(1.0 / (8.0 * count))
-    lengths = 2.0 * np.pi * gravity / chosen**2
-    _check_folding(2.0 * np.pi / lengths * amplitude, height)
-    return tuple(Wave(amplitude, *w) for w in zip(lengths, headings, phases, strict=True))
+    return Spectrum(float(np.hypot(swell_height, wind_sea_height)), frequencies, density)
 
 
 def _shape(x: Array, gamma: float) -> Array:
