@@ -5,6 +5,7 @@
     python scripts/speed_vs_error.py --sources
     python scripts/speed_vs_error.py --steps
     python scripts/speed_vs_error.py --loading
+    python scripts/speed_vs_error.py --ship
     python scripts/speed_vs_error.py --random 1000
 
 Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C, with the rows until then printed.
@@ -45,6 +46,7 @@ from sim.measure.accuracy import CHANGES, speeds_and_errors, wrenches
 from sim.measure.loading import loading_times
 from sim.measure.random_cases import RandomCase, random_cases
 from sim.measure.seas import SEAS, waterline_poses
+from sim.measure.ship import ship_costs
 from sim.measure.sources import DURATION, FALL, error_sources
 from sim.measure.steps import step_costs
 from sim.methods import make_method
@@ -58,6 +60,9 @@ HULLS = ("cube", "bunny_coarse", "bunny", "dragon", "bunny_fine")
 
 STEPPED = ("bunny", "cube", "trio")
 """Scenes whose steps are measured."""
+
+SHIP_WAVES, SHIP_HEIGHTS = (40, 200, 500), (2.4, 4.0)
+"""Counts of waves and significant heights [m] of the seas that a ship is put in."""
 
 METHODS = (
     "linear", "chord:1", "chord:4", "chord:16", "chord:4:crests",
@@ -119,6 +124,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
                         help="measure whole mj_steps and batches instead")  # fmt: skip
     parser.add_argument("--loading", action="store_true",
                         help="measure how long hulls take to load instead")  # fmt: skip
+    parser.add_argument("--ship", action="store_true",
+                        help="measure a ship in seas of up to 500 waves instead")  # fmt: skip
     parser.add_argument("--random", type=at_least(1), metavar="N",
                         help="try the default on random hulls in random seas instead")  # fmt: skip
     options = parser.parse_args(arguments)
@@ -363,6 +370,24 @@ def report_loading(options: argparse.Namespace) -> int:
     return 0
 
 
+def report_ship(options: argparse.Namespace) -> int:
+    """The same for a ship in irregular seas of many waves."""
+    counts = SHIP_WAVES[:1] if options.quick else SHIP_WAVES
+    rows = list(ship_costs(_load("wigley"), counts, SHIP_HEIGHTS, options.seconds))
+    write_json(options.json, {"ship": rows})
+    cells = [
+        (
+            f"{row['waves']} waves, {row['height']:g} m", f"{row['ready_s']:.1f}",
+            str(row["patches"]), f"{row['tolerance']:.2g}", f"{row['us']:.0f}",
+            f"{row['linear_us']:.0f}", f"{row['force_max']:.1e}",
+        )
+        for row in rows
+    ]  # fmt: skip
+    titles = ("sea", "ready s", "patches", "tolerance m", "us", "linear us", "force max")
+    print_table(titles, cells)
+    return 0
+
+
 def report_random(options: argparse.Namespace) -> int:
     """The same for random hulls in random seas: what the default tolerance leaves and takes."""
     cases: list[RandomCase] = []
@@ -396,18 +421,20 @@ def report_random(options: argparse.Namespace) -> int:
     return status
 
 
+REPORTS = {
+    "sources": report_sources, "steps": report_steps, "loading": report_loading,
+    "ship": report_ship, "random": report_random,
+}  # fmt: skip
+"""By the option that asks for them; without one it is `report_rows`."""
+
+
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
+    report = next((r for name, r in REPORTS.items() if getattr(options, name)), report_rows)
     try:
         check_files(options)
         with notes_said("speed_vs_error.py", quiet=True):  # its scenes are known
-            if options.steps:
-                return report_steps(options)
-            if options.random:
-                return report_random(options)
-            if options.loading:
-                return report_loading(options)
-            return report_sources(options) if options.sources else report_rows(options)
+            return report(options)
     except BrokenPipeError:
         raise
     except (ValueError, OSError) as error:

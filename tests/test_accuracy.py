@@ -13,6 +13,7 @@ from sim import Chord, Hull, Linear, Reference, Sea
 from sim.measure.accuracy import errors, time_in_turns, wrenches
 from sim.measure.customary import Customary
 from sim.measure.seas import SEAS, waterline_poses
+from sim.measure.ship import SIZE, finer, ship, ship_costs
 from sim.measure.statistics import mean_of_correlated
 
 CUBE = Hull.from_trimesh(trimesh.creation.box(extents=(1.0, 1.0, 1.0)))
@@ -186,3 +187,14 @@ def test_unusable_input_gives_one_line_and_status_2(
     assert stdout == ""
     assert message in stderr
     assert stderr.count("\n") == 1
+
+
+def test_a_ship_in_many_waves_keeps_what_the_default_claims():
+    """Whatever it costs: that is for the script to say."""
+    mesh = load_mesh("wigley")
+    hull = ship(mesh)
+    np.testing.assert_allclose(np.ptp(hull.bounds, axis=0), SIZE, rtol=1e-12)
+    assert hull.volume == pytest.approx(finer(hull).volume, rel=1e-12)
+    (row,) = ship_costs(mesh, (60,), (2.4,), seconds=0.0)
+    assert row["waves"] == 60
+    assert 1e-6 < row["force_max"] < 1e-3

@@ -61,9 +61,10 @@ MOST_TURNS = 1000.0
 RADII = 40
 """Radii that are tried at most: a tolerance near round-off is met by none."""
 
-NO_LESS = 0.9
+NO_LESS, NO_MORE = 0.9, 1.05
 """An error is as large as another of which it is so much: waves that are shorter than patches are
-missed as a whole, however large these are, and radii are halved until they are longer."""
+missed as a whole, however large these are, and radii are halved until they are longer. And a radius
+is as small as another over which it is so much, where that was halved too often."""
 
 SHIFT = 0.05
 """A jet may come from a particle so many radii away from the patch's centre: the solve for it then
@@ -167,18 +168,29 @@ def jet_radius(
     """
     if not sea.components.size:
         return np.inf, 0.0
-    radius, last, error = largest, np.inf, np.inf
+    radius, error = largest, np.inf
+    good, kept, bad = 0.0, np.inf, np.inf
     for _ in range(RADII):
-        error, is_last = jet_tolerance(sea, radius, RINGS[-1:]), radius <= smallest
+        last, is_last = error, radius <= smallest
+        error = jet_tolerance(sea, radius, RINGS[-1:])
         if error <= tolerance or is_last:
             error = jet_tolerance(sea, radius)
-        if error <= tolerance or is_last:
+        if error <= tolerance:
+            good, kept = radius, error
+        else:
+            bad = radius
+        if good >= largest or (is_last and not good):
             break
         # error ~ radius^4 where it is small; a hair less, so that the next try passes
-        shrunk = 0.99 * (tolerance / error) ** 0.25
-        radius = max(radius * (shrunk if error < NO_LESS * last else min(shrunk, 0.5)), smallest)
-        last = error
-    return radius, error
+        if good:
+            radius = min(0.99 * good * (tolerance / kept) ** 0.25, np.sqrt(good * bad))
+            if radius < NO_MORE * good:
+                break
+        else:
+            shrunk = 0.99 * (tolerance / error) ** 0.25
+            shrunk = shrunk if error < NO_LESS * last else min(shrunk, 0.5)
+            radius = max(radius * shrunk, smallest)
+    return (good, kept) if good else (radius, error)
 
 
 def jet_tolerance(sea: Sea, radius: float, rings: Sequence[float] = RINGS) -> float:
