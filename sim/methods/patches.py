@@ -444,10 +444,10 @@ def first_particles(near, count):
 
 
 @kernel
-def keep_reached(patches, reach, points, near, chosen_out):
-    """Move those that the water can reach to the front, of CHOSEN patches at POINTS with particles
+def keep_reached(patches, reach, points_out, near_out, chosen_out):
+    """Move those that the water can reach to the front, of CHOSEN patches at Points with particles
     Near them; returns how many they are."""
-    kept = 0
+    points, near, kept = points_out, near_out, 0
     for i in range(chosen_out.size):
         radius = patches[chosen_out[i].patch].radius
         points.x[kept], points.y[kept] = points.x[i], points.y[i]
