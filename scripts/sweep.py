@@ -101,7 +101,11 @@ def rows_of(plan: Plan, runs: Sequence[Run], options: argparse.Namespace) -> Ite
         return
     with ExitStack() as stack:
         if options.dask is None:
-            stack.enter_context(parallel_config("loky", n_jobs=options.jobs))
+            deaf = signal.SIGINT, signal.SIG_IGN  # a terminal's Ctrl-C is for this process to hear
+            config = parallel_config(
+                "loky", n_jobs=options.jobs, initializer=signal.signal, initargs=deaf
+            )
+            stack.enter_context(config)
         else:
             from dask.distributed import Client
 
