@@ -8,7 +8,7 @@ from sim import Hull, Patches, Reference, Sea, Wave
 from sim.geometry import across, area_vectors, areas, cone_volumes, sides, split_triangles
 from sim.measure.accuracy import errors, wrenches
 from sim.measure.random_cases import random_cases
-from sim.measure.seas import waterline_poses
+from sim.measure.seas import SEAS, waterline_poses
 from sim.methods import patch_sizes
 from sim.methods.patch_sizes import (
     FEW,
@@ -18,7 +18,7 @@ from sim.methods.patch_sizes import (
     MOST_TRIANGLES,
     default_tolerance,
 )
-from sim.water.fit import jet_tolerance
+from sim.water.fit import jet_radius, jet_tolerance
 from sim.water.head import PRESSURES
 
 TURN = 2.0 * np.pi
@@ -116,3 +116,37 @@ def test_slender_and_flat_hulls_are_as_right_as_others(extents, length):
     )
     assert by_depth < 5e-4
     assert by_depth < 0.5 * by_length
+
+
+def test_heads_that_are_linear_over_triangles_miss_less_than_jets():
+    """A plate that lies in the surface: under a crest all its triangles miss in the same direction,
+    1.1e-3 of the water's weight, were they as large as the tolerance allows."""
+    waves = [
+        (0.0535, 3.39, 2.667, 5.564),
+        (0.0491, 1.92, 1.3, 4.917),
+        (0.0519, 1.887, 0.657, 6.017),
+    ]
+    plate, sea = box((1.79, 0.058, 1.06)), Sea([Wave(*wave) for wave in waves])
+    poses = waterline_poses(plate, sea, 2, seed=25)[1:]
+    truth = wrenches(Reference(plate, sea, 2e-5), poses)
+    method = Patches(plate, sea)
+    assert errors(wrenches(method, poses), truth, method).force_max < 3e-4
+
+
+def test_where_patches_are_many_each_may_be_larger():
+    hull, sea = box((1.0, 1.0, 1.0)), Sea([Wave(0.8 * 4.0 / TURN, 4.0)])
+    by_default, as_wished = Patches(hull, sea), Patches(hull, sea, default_tolerance(hull))
+    assert 0.3 * MANY < len(by_default.tree.patches) < 0.6 * len(as_wished.tree.patches)
+    assert by_default.tolerance > 2.0 * as_wished.tolerance
+    poses = waterline_poses(hull, sea, 3, seed=1)
+    truth = wrenches(Reference(hull, sea, 1e-5), poses)
+    assert errors(wrenches(by_default, poses), truth, by_default).force_max < 1e-4
+
+
+def test_a_larger_tolerance_never_asks_for_smaller_patches():
+    """Where waves are shorter than patches, these are halved until they are not, and grow again."""
+    for name in ("three", "chop", "forty"):
+        found = [jet_radius(SEAS[name], t, 0.87) for t in (1e-3, 3e-3, 1e-2, 1.5e-2, 2e-2, 3e-2)]
+        radii, kept = np.transpose(found)
+        assert (np.diff(radii) > 0.0).all()
+        assert (kept > 0.7 * np.array([1e-3, 3e-3, 1e-2, 1.5e-2, 2e-2, 3e-2])).all()
