@@ -63,13 +63,8 @@ def read_model(model: mujoco.MjModel, overrulings: Overrulings) -> Floating:
     with faults.collected():
         start = first_state(model, overrulings.keyframe)
     parts = list(_parts(model, overrulings.settings, faults))
-    sea = sea_of(
-        model,
-        [(p.prefix, p.numerics, p.texts) for p in parts],
-        overrulings.pressure,
-        overrulings.folder,
-        faults,
-    )
+    says = [(p.prefix, p.numerics, p.texts) for p in parts]
+    sea = sea_of(model, says, overrulings.pressure, overrulings.folder, faults)
     method = overrulings.method
     shapes = [shape for part in parts for shape in _shapes(model, part, method, faults, notes)]
     if all(part.numerics.get("buoyancy_union", [1.0])[0] for part in parts):
