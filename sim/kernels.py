@@ -121,8 +121,8 @@ def _keep(cache: Any) -> None:
 
 def _cannot_keep(reason: str) -> None:
     _say_once(
-        f"compiled kernels cannot be kept ({reason}), so each start will compile them, half a "
-        "minute long; set NUMBA_CACHE_DIR to a folder that can be written"
+        f"compiled kernels cannot be kept ({reason}), so each start will compile them, a minute "
+        "long; set NUMBA_CACHE_DIR to a folder that can be written"
     )
 
 
