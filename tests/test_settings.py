@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import CUBE, WAVES, model, xml
 
-from independent import status_of
+from independent import MODELS, status_of
 from sim import Buoyancy, ModelError, Scene, Sea, Wave
 from sim.coupling.files import model_files
 from sim.water.spectrum import bretschneider, ochi_hubble, pierson_moskowitz
@@ -74,6 +74,18 @@ def test_the_command_line_has_settings_keyframes_and_seeds(tmp_path, capsys):
     assert status_of("run.py", path, "--no-record", *short, *options, "--seed", "3") == 0
     assert status_of("run.py", path, "--no-record", *short, "--keyframe", "up") == 2
     assert "there is no keyframe 'up'; the scene has 'low', 'high'" in capsys.readouterr().err
+
+
+def test_what_overrules_a_scene_goes_by_name():
+    """Else a number would be taken for another one: the third was once the tolerance."""
+    with pytest.raises(TypeError):
+        Scene.load(MODELS / "cube.xml", "patches", 1e-3)
+    with pytest.raises(TypeError):
+        Scene.from_model(model(), "cube", "patches", 1e-3)
+    with pytest.raises(TypeError):
+        Sea.jonswap(0.3, 3.0, 3.3, 0.0, 0.4, 40, 0, 1025.0)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'methd'"):
+        Scene.load(MODELS / "cube.xml", methd="patches")
 
 
 def test_geoms_may_have_other_densities(tmp_path, capsys):

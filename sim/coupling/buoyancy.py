@@ -113,8 +113,8 @@ class Buoyancy:
         threads: int | None = None,
         pressure: str | None = None,
         settings: Iterable[str] = (),
-        keyframe: str | None = None,
         folder: str | Path = "",
+        keyframe: str | None = None,
     ) -> "Buoyancy":
         """Read the model's custom fields (see `mjcf`); `method` overrules them for all geoms (and
         the pressure, if it names one: "patches/hydrostatic"), `tolerance` [m of water height] for

@@ -28,6 +28,7 @@ class Scene:
         cls,
         path: str | Path,
         method: str | None = None,
+        *,
         densities: Mapping[str, float] | None = None,
         **overrulings: Any,
     ) -> "Scene":
@@ -54,6 +55,7 @@ class Scene:
         model: mujoco.MjModel,
         name: str = "scene",
         method: str | None = None,
+        *,
         timestep: float | None = None,
         keyframe: str | None = None,
         **overrulings: Any,

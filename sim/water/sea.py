@@ -144,6 +144,7 @@ class Sea:
         spread: float = DEFAULT_SPREAD,
         waves: int = 40,
         seed: int = 0,
+        *,
         gravity: float = 9.81,
         **water: Any,
     ) -> "Sea":
