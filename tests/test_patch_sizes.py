@@ -7,17 +7,20 @@ import trimesh
 from sim import Hull, Patches, Reference, Sea, Wave
 from sim.geometry import across, area_vectors, areas, cone_volumes, sides, split_triangles
 from sim.measure.accuracy import errors, wrenches
-from sim.measure.random_cases import random_cases
+from sim.measure.random_cases import random_cases, random_hull
 from sim.measure.seas import SEAS, waterline_poses
 from sim.methods import patch_sizes
 from sim.methods.patch_sizes import (
     FEW,
+    FILLING,
     LARGER,
     MANY,
     MOST_PATCHES,
     MOST_TRIANGLES,
+    _radius_of,
     default_tolerance,
 )
+from sim.methods.patch_tree import build_tree
 from sim.water.fit import jet_radius, jet_tolerance
 from sim.water.head import PRESSURES
 
@@ -77,6 +80,15 @@ def test_the_default_tolerance_goes_by_what_counts_for_the_force():
     assert max(c.error for c in cases) < 1e-3
 
 
+def test_how_many_patches_there_will_be_is_known_to_a_factor():
+    for number in range(12):
+        name, hull = random_hull(np.random.default_rng([7, number]))
+        for estimate in (30, 200):
+            radius = _radius_of(hull, estimate)
+            count = len(build_tree(hull, radius, FILLING * radius).patches)
+            assert 0.25 * estimate < count < 1.25 * estimate, name
+
+
 def test_slivers_are_cut_across():
     """Into as many triangles as it takes edges along them, and the surface stays the same."""
     corners = box((20.0, 0.01, 0.02)).vertices[box((20.0, 0.01, 0.02)).faces]
@@ -103,10 +115,10 @@ def test_waves_much_shorter_than_patches_are_averaged_and_not_extrapolated():
 
 @pytest.mark.parametrize(
     ("extents", "length"),
-    [((20.0, 0.01, 0.01), 4.0), ((20.0, 0.02, 0.02), 15.0), ((10.0, 10.0, 0.1), 8.0)],
+    [((20.0, 0.01, 0.01), 4.0), ((20.0, 0.02, 0.02), 15.0), ((10.0, 10.0, 0.03), 8.0)],
 )
 def test_slender_and_flat_hulls_are_as_right_as_others(extents, length):
-    """By their longest side alone they would be three to a thousand times as wrong."""
+    """By their longest side alone they would be five to a thousand times as wrong."""
     hull, sea = box(extents), Sea([Wave(0.16 * length / TURN, length, 0.3)])
     poses = waterline_poses(hull, sea, 3, seed=1)
     truth = wrenches(Reference(hull, sea, 1e-5), poses)
@@ -115,7 +127,7 @@ def test_slender_and_flat_hulls_are_as_right_as_others(extents, length):
         for method in (Patches(hull, sea), Patches(hull, sea, max(extents) / 400.0))
     )
     assert by_depth < 5e-4
-    assert by_depth < 0.5 * by_length
+    assert by_depth < 0.2 * by_length
 
 
 def test_heads_that_are_linear_over_triangles_miss_less_than_jets():

@@ -39,15 +39,13 @@ def ship(mesh: trimesh.Trimesh) -> Hull:
     mesh = trimesh.Trimesh(mesh.vertices * (SIZE / mesh.extents), mesh.faces, process=False)
     while len(mesh.faces) < FACES:
         mesh = mesh.subdivide()
-    return Hull(mesh.vertices, mesh.faces)
+    return Hull.from_trimesh(mesh)
 
 
 def finer(hull: Hull) -> Hull:
     """The same surface in FINER triangles."""
     mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
-    for _ in range(FINER):
-        mesh = mesh.subdivide()
-    return Hull(mesh.vertices, mesh.faces)
+    return Hull.from_trimesh(mesh.subdivide(iterations=FINER))
 
 
 def ship_poses(count: int, seed: int = 0) -> list[Pose]:
