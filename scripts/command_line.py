@@ -125,6 +125,21 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_averaging_options(parser: argparse.ArgumentParser, rate: float) -> None:
+    """How long runs are of which means are taken."""
+    parser.add_argument(
+        "--duration", type=positive, default=60.0, metavar="S", help="simulated seconds (60)"
+    )
+    parser.add_argument(
+        "--warm-up", type=positive, default=10.0, metavar="S",
+        help="seconds that the means leave out (10)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rate", type=positive, default=rate, metavar="HZ",
+        help=f"samples a simulated second ({rate:g})",
+    )  # fmt: skip
+
+
 def overrulings_of(options: argparse.Namespace) -> dict[str, Any]:
     """What `Scene.load` is to be given for them."""
     seeds = [] if options.seed is None else [f"seed={options.seed}"]

@@ -13,6 +13,7 @@ full, 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on di
 
 from command_line import (
     Parser,
+    add_averaging_options,
     add_scene_options,
     at_least,
     check_outputs,
@@ -20,7 +21,6 @@ from command_line import (
     loading_notice,
     notes_said,
     overrulings_of,
-    positive,
     print_table,
     progress,
     refusal,
@@ -64,12 +64,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD",
                         help="method texts; the others are held against the first; a pressure may "
                         "stand behind a slash: patches/hydrostatic")  # fmt: skip
-    parser.add_argument("--duration", type=positive, default=60.0, metavar="S",
-                        help="simulated seconds (60)")  # fmt: skip
-    parser.add_argument("--warm-up", type=positive, default=10.0, metavar="S",
-                        help="seconds that the means leave out (10)")  # fmt: skip
-    parser.add_argument("--rate", type=positive, default=30.0, metavar="HZ",
-                        help="samples a simulated second (30)")  # fmt: skip
+    add_averaging_options(parser, rate=30.0)
     parser.add_argument("--starts", type=at_least(1), default=1, metavar="N",
                         help="runs; later ones begin at random times of the sea (1)")  # fmt: skip
     add_scene_options(parser)

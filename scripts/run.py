@@ -68,6 +68,26 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         "--threads", type=at_least(1, MOST_THREADS), metavar="N", help="share the hulls (1)"
     )
     add_scene_options(parser)
+    add_recording_options(parser)
+    parser.add_argument(
+        "--series", type=Path, metavar="FILE", help="write all samples there: .csv .parquet .npz"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary there")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    options = parser.parse_args(arguments)
+    for name in ("record", "series", "json") if len(options.scenes) > 1 else ():
+        if getattr(options, name) is not None:
+            parser.error(f"--{name} names one file, and there are {len(options.scenes)} scenes")
+    if options.record_rate is not None and options.record_rate > options.rate:
+        parser.error(
+            f"--record-rate {options.record_rate:g} is above the {options.rate:g} samples a second "
+            "that there are; raise --rate"
+        )
+    return options
+
+
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """Whether a recording is made, and how it looks."""
     record = parser.add_mutually_exclusive_group()
     record.add_argument(
         "--record", type=Path, metavar="FILE.rrd", help="default recordings/<scene>.rrd"
@@ -90,21 +110,6 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         "--colour", choices=COLOURS, default=COLOURS[0], help="of the hulls (wet parts darker)"
     )
     parser.add_argument("--view", action="store_true", help="show the run in a viewer as it goes")
-    parser.add_argument(
-        "--series", type=Path, metavar="FILE", help="write all samples there: .csv .parquet .npz"
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary there")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    options = parser.parse_args(arguments)
-    for name in ("record", "series", "json") if len(options.scenes) > 1 else ():
-        if getattr(options, name) is not None:
-            parser.error(f"--{name} names one file, and there are {len(options.scenes)} scenes")
-    if options.record_rate is not None and options.record_rate > options.rate:
-        parser.error(
-            f"--record-rate {options.record_rate:g} is above the {options.rate:g} samples a second "
-            "that there are; raise --rate"
-        )
-    return options
 
 
 def load(path: Path, options: argparse.Namespace) -> Scene:

@@ -11,12 +11,12 @@ goes on from them.
 from command_line import (
     UNWRITABLE,
     Parser,
+    add_averaging_options,
     at_least,
     check_outputs,
     check_writable,
     loading_notice,
     notes_said,
-    positive,
     print_table,
     progress,
     refusal,
@@ -61,12 +61,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--starts", type=at_least(1), default=1, metavar="N",
                         help="random times of the sea to begin at (1)")  # fmt: skip
     parser.add_argument("--method", help="overrules the scene's method, for all geoms")
-    parser.add_argument("--duration", type=positive, default=60.0, metavar="S",
-                        help="simulated seconds (60)")  # fmt: skip
-    parser.add_argument("--warm-up", type=positive, default=10.0, metavar="S",
-                        help="seconds that the statistics leave out (10)")  # fmt: skip
-    parser.add_argument("--rate", type=positive, default=10.0, metavar="HZ",
-                        help="samples a simulated second (10)")  # fmt: skip
+    add_averaging_options(parser, rate=10.0)
     parser.add_argument("--jobs", type=at_least(-1), default=1, metavar="J",
                         help="processes, -1 for all cores (1)")  # fmt: skip
     parser.add_argument("--dask", metavar="ADDRESS",
