@@ -38,7 +38,7 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from itertools import chain
 from pathlib import Path
 from time import monotonic
@@ -58,7 +58,7 @@ LARGEST, MOST = 1e9, 1_000_000
 LONGEST_NOTE = 200
 """Characters of a note that is a library's: some have forty lines."""
 
-COMPILING_NOTICE_AFTER, LOADING_NOTICE_AFTER = 1.0, 2.0
+LOADING_NOTICE_AFTER = 2.0
 """Seconds of compiling, and of loading at all, after which it is worth a line."""
 
 
@@ -154,12 +154,7 @@ def overrulings_of(options: argparse.Namespace) -> dict[str, Any]:
 
 @contextmanager
 def loading_notice(quiet: bool) -> Iterator[None]:
-    """Say that kernels are being compiled if they are in the block, and for long enough; on a
-    terminal how long the block takes, when it takes long."""
-    from sim.kernels import when_compiling
-
-    def say() -> None:
-        print("compiling the kernels; this is done once and kept ...", file=sys.stderr, flush=True)
+    """Say on a terminal how long the block takes, when it takes long."""
 
     def tick() -> None:
         started = monotonic()
@@ -171,15 +166,12 @@ def loading_notice(quiet: bool) -> Iterator[None]:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)  # clears the line
 
     done = threading.Event()
-    timer = threading.Timer(COMPILING_NOTICE_AFTER, say)
     ticker = threading.Thread(target=tick)
     try:
         if not quiet and sys.stderr.isatty():
             ticker.start()
-        with nullcontext() if quiet else when_compiling(timer.start):
-            yield
+        yield
     finally:
-        timer.cancel()
         done.set()
         if ticker.is_alive():
             ticker.join()

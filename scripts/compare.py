@@ -90,7 +90,6 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
     with loading_notice(quiet=again), said:
         for text in options.methods:
             scene = Scene.load(options.scene, text, **overrulings_of(options))
-            scene.compile_kernels()
             same = sum(label.split(" ")[0] == text for label in twins)
             twins[f"{text} ({same + 1})" if same else text] = scene
     return twins

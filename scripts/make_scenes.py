@@ -71,6 +71,8 @@ SPHERES = """<!-- A hundred spheres of 1280 faces each, which collide, in three 
 <mujoco model="spheres">
   <option timestep="0.005" integrator="implicitfast" solver="CG"/>
 
+  <extension><plugin plugin="waterline"><instance name="water"/></plugin></extension>
+
   <custom>
     <numeric name="water_density" data="1025"/> <!-- kg/m^3 -->
     <text name="water_pressure" data="froude-krylov"/>

@@ -122,7 +122,6 @@ def load(path: Path, options: argparse.Namespace) -> Scene:
             threads=options.threads,
             **overrulings_of(options),
         )
-        scene.compile_kernels()
         observe(scene)
     return scene
 

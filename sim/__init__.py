@@ -4,7 +4,7 @@ The rooms of the house. Each imports only from lines below its own (`tests/test_
 reads this map and keeps it so):
 
     drawing/, measure/        recordings for Rerun; errors and timings, statistics, hard cases
-    coupling/                 MuJoCo: an MJCF file as a scene, the callback, the stepping loop
+    coupling/                 MuJoCo: the plugin, an MJCF file as a scene, the stepping loop
     methods/, resistance/     (hull, sea, pose, time) -> wrench of the water; drag, added mass
     statics/                  how a body rests in still water, and what brings it back
     meshes/                   surfaces as files have them: what is wrong, repair, unions
@@ -26,6 +26,7 @@ from sim.coupling.faults import ModelError, Note
 from sim.coupling.hydrostatics import Hydrostatics, hydrostatics
 from sim.coupling.scene import Scene
 from sim.coupling.simulation import Sample, Tally, observe, simulate
+from sim.coupling.spec import add_water
 from sim.hull import Hull
 from sim.methods import Chord, Linear, Patches, Reference
 from sim.resistance.drag import Drag, DragCoefficients
@@ -65,6 +66,7 @@ __all__ = [
     "SideBySideRecorder",
     "Tally",
     "Wave",
+    "add_water",
     "hydrostatics",
     "observe",
     "read_series",

@@ -71,6 +71,46 @@ def word_at(typingctx, address):
 
 
 @intrinsic
+def integer_at(typingctx, address):
+    """C's integer at an address."""
+
+    def codegen(context, builder, signature, args):
+        found = builder.load(_pointer(builder, args[0], ir.IntType(32)))
+        return builder.sext(found, WORD)
+
+    return types.int64(types.int64), codegen
+
+
+def _store(kind: ir.Type, number: types.Type) -> Callable[..., Any]:
+    """An intrinsic (address, number) that puts a number, as a type of C's, at an address."""
+
+    @intrinsic
+    def store_at(typingctx, address, value):
+        def codegen(context, builder, signature, args):
+            narrow = builder.fptrunc if number is types.float64 else builder.trunc
+            value = args[1] if kind == WORD else narrow(args[1], kind)
+            builder.store(value, _pointer(builder, args[0], kind))
+            return context.get_dummy_value()
+
+        return types.none(types.int64, number), codegen
+
+    return store_at
+
+
+store_word = _store(WORD, types.int64)
+"""Put a whole number into the 8 bytes at an address."""
+
+store_integer = _store(ir.IntType(32), types.int64)
+"""The same into the 4 bytes of C's integer."""
+
+store_byte = _store(ir.IntType(8), types.int64)
+"""The same into a byte."""
+
+store_single = _store(ir.FloatType(), types.float64)
+"""Put a number into the 4 bytes of C's float."""
+
+
+@intrinsic
 def float_at(typingctx, address):
     """The double at an address."""
 
@@ -101,40 +141,15 @@ def atomic_add(typingctx, address, amount):
 
 
 @intrinsic
-def atomic_claim(typingctx, address, value):
-    """Put a value to an address where 0 stands, as one of many threads; returns what was there."""
+def call(typingctx, address, arguments):
+    """Call the C function at an address, which has no result, with a tuple of whole numbers."""
 
     def codegen(context, builder, signature, args):
-        place = _pointer(builder, args[0], WORD)
-        found = builder.cmpxchg(place, WORD(0), args[1], "seq_cst", "seq_cst")
-        return builder.extract_value(found, 0)
+        kind = ir.FunctionType(ir.VoidType(), [WORD] * len(arguments))
+        builder.call(_pointer(builder, args[0], kind), cgutils.unpack_tuple(builder, args[1]))
+        return context.get_dummy_value()
 
-    return types.int64(types.int64, types.int64), codegen
-
-
-def _call(returned: types.Type) -> Callable[..., Any]:
-    """An intrinsic (address, arguments) that calls the C function at an address with a tuple of
-    whole numbers."""
-
-    @intrinsic
-    def call_at(typingctx, address, arguments):
-        def codegen(context, builder, signature, args):
-            result = ir.VoidType() if returned is types.none else WORD
-            kind = ir.FunctionType(result, [WORD] * len(arguments))
-            function = _pointer(builder, args[0], kind)
-            found = builder.call(function, cgutils.unpack_tuple(builder, args[1]))
-            return context.get_dummy_value() if returned is types.none else found
-
-        return returned(types.int64, types.UniTuple(types.int64, len(arguments))), codegen
-
-    return call_at
-
-
-call = _call(types.none)
-"""Call a C function that has no result."""
-
-ask = _call(types.int64)
-"""Call a C function whose result is a whole number or an address."""
+    return types.none(types.int64, types.UniTuple(types.int64, len(arguments))), codegen
 
 
 @intrinsic

@@ -1,6 +1,12 @@
 """Small MJCF models for the tests."""
 
+from typing import Any
+
 import mujoco
+
+from sim import Scene
+
+WATER = '<extension><plugin plugin="waterline"><instance name="water"/></plugin></extension>'
 
 WAVES = """
     <numeric name="wave_swell" data="0.10 4.0 0 0"/>
@@ -26,6 +32,7 @@ def xml(
     elements = "".join(f'<element objtype="geom" objname="{g}" prm="0"/>' for g in buoyant)
     listed = f'<tuple name="buoyant">{elements}</tuple>' if buoyant else ""
     return f"""<mujoco model="test">
+  {WATER}
   {option}
   <custom>
     <numeric name="water_density" data="1025"/>{custom}
@@ -41,3 +48,8 @@ def xml(
 def model(*args, **kwargs) -> mujoco.MjModel:
     """The compiled model of `xml` with the same arguments."""
     return mujoco.MjModel.from_xml_string(xml(*args, **kwargs))
+
+
+def afloat(*args, load: dict[str, Any] | None = None, **kwargs) -> Scene:
+    """The scene of `xml` with the same arguments; load: what overrules it."""
+    return Scene.load(mujoco.MjSpec.from_string(xml(*args, **kwargs)), **(load or {}))

@@ -1,7 +1,7 @@
-"""Buoyancy in MuJoCo: the callback, its manners, frames and integrators."""
+"""Buoyancy in MuJoCo: what it writes where, frames, integrators and threads."""
 
 import gc
-import runpy
+import sys
 import threading
 import weakref
 from time import monotonic, sleep
@@ -10,10 +10,12 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
-from scenes import CUBE, WAVES, model
+from scenes import CUBE, WATER, WAVES, afloat, model, xml
 
-from independent import MODELS, REPOSITORY, ROUND_OFF
-from sim import Buoyancy, Hull, Linear, Scene
+from independent import MODELS, ROUND_OFF
+from sim import Buoyancy, Hull, Linear
+from sim.coupling.context import UNUSED
+from sim.coupling.seam import context_of
 
 WEIGHT = 512.5 * 9.81  # N, of the cube
 
@@ -27,12 +29,10 @@ def started(compiled: mujoco.MjModel, qpos: list[float] | None = None) -> mujoco
 
 
 def trajectory(compiled: mujoco.MjModel, steps: int = 100) -> np.ndarray:
-    data, buoyancy = started(compiled), Buoyancy.from_model(compiled)
-    states = []
-    with buoyancy.installed():
-        for _ in range(steps):
-            mujoco.mj_step(compiled, data)
-            states.append(np.concatenate([data.qpos, data.qvel]))
+    data, states = started(compiled), []
+    for _ in range(steps):
+        mujoco.mj_step(compiled, data)
+        states.append(np.concatenate([data.qpos, data.qvel]))
     return np.array(states)
 
 
@@ -50,10 +50,13 @@ def test_a_cube_in_equilibrium_stays(integrator):
 )
 def test_wrenches_are_computed_once_for_every_evaluation(integrator, calls):
     compiled = model(option=f'<option integrator="{integrator}"/>', custom=WAVES)
-    buoyancy, data = Buoyancy.from_model(compiled), started(compiled)
-    with buoyancy.installed():
-        mujoco.mj_step(compiled, data)
-    assert buoyancy.calls == calls
+    buoyancy, data = Buoyancy.of(compiled), mujoco.MjData(compiled)
+    mujoco.mj_step(compiled, data)
+    assert buoyancy.calls(data) == calls
+    mujoco.mj_step(compiled, data)
+    assert buoyancy.calls(data) == 2 * calls
+    assert 0.0 < buoyancy.seconds(data) < 1.0
+    assert buoyancy.calls(mujoco.MjData(compiled)) == 0  # of each state by itself
 
 
 def test_integrators_agree_as_the_timestep_shrinks():
@@ -75,24 +78,19 @@ def test_integrators_agree_as_the_timestep_shrinks():
 
 @pytest.mark.parametrize("method", ["linear", "chord", "patches"])
 @pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast"])
-def test_apply_before_each_step_is_the_callback_to_the_bit(integrator, method):
+def test_wrenches_pushed_by_hand_before_each_step_are_the_water_to_the_bit(integrator, method):
+    """On the same body in the air, as what a user writes into xfrc_applied."""
     option = f'<option timestep="0.005" integrator="{integrator}"/>'
     custom = WAVES + f'<text name="buoyancy_method" data="{method}"/>'
     compiled = model(custom=custom, option=option)
-    data, buoyancy = started(compiled), Buoyancy.from_model(compiled)
-    states = []
+    dry = mujoco.MjModel.from_xml_string(xml(custom=custom, option=option).replace(WATER, ""))
+    data, buoyancy, states = started(dry), Buoyancy.of(compiled), []
     for _ in range(100):
-        buoyancy.apply(compiled, data)
-        mujoco.mj_step(compiled, data)
+        mujoco.mj_kinematics(dry, data)
+        data.xfrc_applied[1] = buoyancy.wrenches(data)[0]
+        mujoco.mj_step(dry, data)
         states.append(np.concatenate([data.qpos, data.qvel]))
     np.testing.assert_array_equal(states, trajectory(compiled))
-
-
-def test_apply_refuses_another_model():
-    compiled, other = model(), model()
-    buoyancy = Buoyancy.from_model(compiled)
-    with pytest.raises(ValueError, match="made for another model"):
-        buoyancy.apply(other, mujoco.MjData(other))
 
 
 def test_two_models_alive_at_once_do_not_touch_each_other():
@@ -100,76 +98,54 @@ def test_two_models_alive_at_once_do_not_touch_each_other():
     alone = {m: trajectory(m) for m in (calm, rough)}
     both = {calm: [], rough: []}
     datas = {m: started(m) for m in (calm, rough)}
-    with Buoyancy.from_model(calm).installed(), Buoyancy.from_model(rough).installed():
-        for _ in range(100):
-            for m, data in datas.items():
-                mujoco.mj_step(m, data)
-                both[m].append(np.concatenate([data.qpos, data.qvel]))
+    for _ in range(100):
+        for m, data in datas.items():
+            mujoco.mj_step(m, data)
+            both[m].append(np.concatenate([data.qpos, data.qvel]))
     for m in (calm, rough):
         np.testing.assert_array_equal(both[m], alone[m])
 
 
-def test_other_models_and_other_rows_are_left_alone():
+def test_models_without_the_plugin_and_other_rows_are_left_alone():
     stone = '<body name="stone" pos="5 0 0"><freejoint/><geom name="stone" size="0.1"/></body>'
-    compiled, other = model(CUBE + stone), model()
-    data, other_data = started(compiled), started(other)
+    compiled = model(CUBE + stone)
+    dry = mujoco.MjModel.from_xml_string(xml().replace(WATER, ""))
+    data, dry_data = mujoco.MjData(compiled), mujoco.MjData(dry)
     data.xfrc_applied[2] = np.arange(6.0)
-    other_data.xfrc_applied[1] = np.arange(6.0)
-    with Buoyancy.from_model(compiled).installed():
-        mujoco.mj_forward(compiled, data)
-        mujoco.mj_forward(other, other_data)
-        assert data.xfrc_applied[1, 2] == pytest.approx(WEIGHT)
-        np.testing.assert_array_equal(data.xfrc_applied[2], np.arange(6.0))
-    assert data.xfrc_applied[1, 2] == pytest.approx(WEIGHT)  # what was written last stays
+    dry_data.xfrc_applied[1] = np.arange(6.0)
+    mujoco.mj_forward(compiled, data)
+    mujoco.mj_forward(dry, dry_data)
+    assert data.xfrc_applied[1, 2] == pytest.approx(WEIGHT)
     np.testing.assert_array_equal(data.xfrc_applied[2], np.arange(6.0))
-    np.testing.assert_array_equal(other_data.xfrc_applied[1], np.arange(6.0))
-
-
-def test_installed_restores_what_was_there_in_any_case():
-    compiled, seen = model(), []
-
-    def mine(model, data):
-        seen.append(data.time)
-
-    mujoco.set_mjcb_passive(mine)
-    try:
-        data = started(compiled)
-        seen.clear()
-        with pytest.raises(RuntimeError, match="on purpose"):
-            _step_once_and_fail(compiled, data)
-        assert len(seen) == 1  # what was installed before goes on being called
-        assert mujoco.get_mjcb_passive() is mine
-    finally:
-        mujoco.set_mjcb_passive(None)
-
-
-def _step_once_and_fail(compiled: mujoco.MjModel, data: mujoco.MjData) -> None:
-    with Buoyancy.from_model(compiled).installed():
-        mujoco.mj_step(compiled, data)
-        raise RuntimeError("on purpose")
+    np.testing.assert_array_equal(dry_data.xfrc_applied[1], np.arange(6.0))
+    assert mujoco.get_mjcb_passive() is None
 
 
 def test_several_states_of_one_model():
     compiled = model(custom=WAVES)
-    buoyancy = Buoyancy.from_model(compiled)
     high, low = started(compiled, [0, 0, 5, 1, 0, 0, 0]), started(compiled)
-    with buoyancy.installed():
-        for data in (high, low, high):
-            mujoco.mj_forward(compiled, data)
-        assert not high.xfrc_applied.any()
-        assert low.xfrc_applied[1, 2] > 0.0
+    for data in (high, low, high):
+        mujoco.mj_forward(compiled, data)
+    assert not high.xfrc_applied.any()
+    assert low.xfrc_applied[1, 2] > 0.0
 
 
-def test_nothing_is_kept_alive_after_the_block():
-    compiled = model()
-    buoyancy = Buoyancy.from_model(compiled)
-    with buoyancy.installed():
-        mujoco.mj_forward(compiled, mujoco.MjData(compiled))
-    hook = weakref.ref(buoyancy)
-    del buoyancy
+def test_models_states_and_buoyancies_are_let_go():
+    compiled = model(custom='<numeric name="water_level" data="-0.25"/>')
+    before = sys.getrefcount(compiled)
+    data, buoyancy = mujoco.MjData(compiled), Buoyancy.of(compiled)
+    count = sys.getrefcount(data)
+    context = context_of(compiled)
+    assert context.users == 1
+    mujoco.mj_step(compiled, data)
+    mujoco.mj_resetData(compiled, data)
+    assert sys.getrefcount(data) == count
+    kept = weakref.ref(buoyancy)
+    del data, buoyancy
     gc.collect()
-    assert hook() is None
-    assert mujoco.get_mjcb_passive() is None
+    assert kept() is None
+    assert sys.getrefcount(compiled) == before
+    assert context.users == 0
 
 
 def test_a_geom_off_its_body_frame_floats_where_it_is():
@@ -178,15 +154,15 @@ def test_a_geom_off_its_body_frame_floats_where_it_is():
     ballast = '<geom type="sphere" size="0.1" pos="-0.4 0.6 0.1" density="3000"/>'
     body = f'<body pos="0 0 -0.4" euler="10 0 5"><freejoint/>{geom}{ballast}</body>'
     assets = f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}" inertia="exact"/>'
-    compiled = model(body, ("g",), WAVES, assets=assets)
-    data, buoyancy = started(compiled), Buoyancy.from_model(compiled, method="linear")
+    custom = WAVES + '<text name="buoyancy_method" data="linear"/>'
+    compiled = model(body, ("g",), custom, assets=assets)
+    data, buoyancy = started(compiled), Buoyancy.of(compiled)
     assert np.abs(data.geom_xpos[0] - data.xipos[1]).max() > 0.05  # the case is not a trivial one
     count = compiled.mesh_vertnum[0]
     in_world = compiled.mesh_vert[:count] @ data.geom_xmat[0].reshape(3, 3).T + data.geom_xpos[0]
     hull = Hull(in_world - data.xipos[1], compiled.mesh_face)
     expected = Linear(hull, buoyancy.sea).wrench(data.xipos[1], np.eye(3), 0.0)
     scale = np.abs(expected).max()
-    buoyancy.apply(compiled, data)
     np.testing.assert_allclose(data.xfrc_applied[1] / scale, expected / scale, atol=ROUND_OFF)
 
 
@@ -199,7 +175,6 @@ def test_two_geoms_of_a_body_add_up():
     rows = []
     for compiled in (cut, whole):
         data = started(compiled)
-        Buoyancy.from_model(compiled).apply(compiled, data)
         rows.append(data.xfrc_applied[1].copy())
     # on flat water the straight clip is exact, however the surface is cut
     np.testing.assert_allclose(rows[0], rows[1], atol=ROUND_OFF * WEIGHT)
@@ -213,25 +188,24 @@ def test_bodies_in_a_kinematic_tree():
       <body name="rear" pos="1.2 0 0"><joint type="hinge" axis="0 1 0" pos="-0.6 0 0"/>
         {box.format("rear")}</body></body>"""
     compiled = model(tree, ("front", "rear"))
-    data, buoyancy = started(compiled), Buoyancy.from_model(compiled)
-    assert buoyancy.body_names == ("front", "rear")
-    with buoyancy.installed():
-        for _ in range(200):
-            mujoco.mj_step(compiled, data)
+    data = started(compiled)
+    assert Buoyancy.of(compiled).body_names == ("front", "rear")
+    for _ in range(200):
+        mujoco.mj_step(compiled, data)
     np.testing.assert_allclose(data.qpos[2], 0.0, atol=1e-9)
     np.testing.assert_allclose(data.qpos[7], 0.0, atol=1e-9)
     data.qpos[7] = 0.3  # fold the hinge: the rear end dips and is pushed back up
     mujoco.mj_forward(compiled, data)
-    buoyancy.apply(compiled, data)
     assert data.xfrc_applied[2, 2] > compiled.body_mass[2] * 9.81
 
 
 def test_wrenches_reads_without_writing():
     compiled = model(custom=WAVES)
-    data, buoyancy = started(compiled), Buoyancy.from_model(compiled)
-    wrenches = buoyancy.wrenches(data)
+    data = mujoco.MjData(compiled)
+    mujoco.mj_kinematics(compiled, data)
+    wrenches = Buoyancy.of(compiled).wrenches(data)
     assert not data.xfrc_applied.any()
-    buoyancy.apply(compiled, data)
+    mujoco.mj_forward(compiled, data)
     np.testing.assert_array_equal(wrenches[0], data.xfrc_applied[1])
 
 
@@ -240,7 +214,6 @@ def test_sphere_floats_at_the_depth_that_its_mass_says():
     ball = '<body><freejoint/><geom name="b" type="sphere" size="0.5" density="512.5"/></body>'
     compiled = model(ball, ("b",))
     data = started(compiled)
-    Buoyancy.from_model(compiled).apply(compiled, data)
     weight = compiled.body_mass[1] * 9.81
     assert data.xfrc_applied[1, 2] == pytest.approx(weight, rel=1e-9)
     whole = trimesh.creation.icosphere(subdivisions=3, radius=0.5).volume * 512.5 * 9.81
@@ -254,10 +227,9 @@ def test_hulls_computed_together_get_what_each_gets_alone():
     custom = WAVES + '<text name="buoyancy_method_cube" data="chord"/>'
     bodies = CUBE + ball.format(2, "left") + ball.format(4, "right") + boat
     compiled = model(bodies, ("cube", "right", "boat", "left"), custom)
-    data, buoyancy = started(compiled), Buoyancy.from_model(compiled)
+    data, buoyancy = started(compiled), Buoyancy.of(compiled)
     left, right = (f.method for f in buoyancy.floats if f.name in ("left", "right"))
     assert left is right
-    buoyancy.apply(compiled, data)
     for f in buoyancy.floats:
         alone = f.method.wrench(data.xipos[f.body], data.ximat[f.body], 0.0)
         assert np.abs(alone).max() > 0.0
@@ -279,22 +251,28 @@ def helpers() -> int:
     return sum(thread.name.startswith("waterline") for thread in threading.enumerate())
 
 
+def threaded(threads: int) -> mujoco.MjModel:
+    return raft(f'<numeric name="buoyancy_threads" data="{threads}"/>')
+
+
 def test_threads_change_no_bit():
     runs = {}
     for threads in (1, 2, 5):
-        compiled = raft()
-        data, buoyancy = started(compiled), Buoyancy.from_model(compiled, threads=threads)
-        with buoyancy.installed():
-            mujoco.mj_step(compiled, data, nstep=200)
+        compiled = threaded(threads)
+        data = started(compiled)
+        mujoco.mj_step(compiled, data, nstep=200)
         assert min(threads - 1, 1) <= helpers() <= threads - 1
         runs[threads] = np.concatenate([data.qpos, data.qvel])
-        del buoyancy
+        del data
         no_helpers_are_left()
     np.testing.assert_array_equal(runs[2], runs[1])
     np.testing.assert_array_equal(runs[5], runs[1])
 
 
 def no_helpers_are_left() -> None:
+    """Once other models have come after the one that no state is left of."""
+    for i in range(UNUSED + 1):
+        model(extra=f'<custom><numeric name="water_level" data="{-100 - i}"/></custom>')
     gc.collect()
     deadline = monotonic() + 30.0
     while helpers():
@@ -302,32 +280,17 @@ def no_helpers_are_left() -> None:
         sleep(0.01)
 
 
-def test_threads_are_no_more_than_parts_and_end_with_the_buoyancy():
-    compiled = raft('<numeric name="buoyancy_threads" data="100"/>')
-    data, buoyancy = started(compiled), Buoyancy.from_model(compiled)
+def test_threads_are_no_more_than_parts_and_end_with_the_states():
+    compiled = threaded(100)
+    data, buoyancy = started(compiled), Buoyancy.of(compiled)
     for _ in range(50):
         buoyancy.wrenches(data)
     assert 1 <= helpers() <= 5  # six hulls are computed together
-    del buoyancy
+    del buoyancy, data
     no_helpers_are_left()
 
 
 @pytest.mark.parametrize("threads", [0, -1, 1.5, np.nan, np.inf])
 def test_refuses_threads_that_cannot_be(threads):
-    compiled = model()
     with pytest.raises(ValueError, match=f"threads is {threads:g}; it must be a whole"):
-        Buoyancy.from_model(compiled, threads=threads)
-
-
-def test_tiles_of_the_viewer_lie_on_the_water(monkeypatch):
-    """MuJoCo's own viewer: the example's drawing, which needs no screen."""
-    pytest.importorskip("mujoco.viewer")
-    drawing = runpy.run_path(str(REPOSITORY / "scripts" / "examples" / "viewer.py"))
-    scene = Scene.load(MODELS / "bunny.xml")
-    picture = mujoco.MjvScene(scene.model, 2000)
-    drawing["draw_water"](picture, scene)
-    assert picture.ngeom == drawing["TILES"] ** 2
-    places = np.array([picture.geoms[i].pos for i in range(picture.ngeom)], dtype=float)
-    expected = scene.buoyancy.sea.elevation(places[:, 0], places[:, 1], scene.data.time)
-    np.testing.assert_allclose(places[:, 2], expected, atol=1e-6)
-    assert all(picture.geoms[i].mat[2, 2] > 0.5 for i in range(picture.ngeom))
+        afloat(load=dict(threads=threads))

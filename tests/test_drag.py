@@ -124,8 +124,7 @@ def test_the_step_is_linearly_implicit_in_the_derivative_of_drag(timestep):
         mujoco.mju_mat2Quat(quaternion, rotation.ravel())
         data.qpos[:], data.time = [*position, *quaternion], time
         data.qvel[:] = [*velocity[:3], *(rotation.T @ velocity[3:])]
-        with scene.buoyancy.installed():
-            mujoco.mj_forward(compiled, data)
+        mujoco.mj_forward(compiled, data)
         pose = data.xipos[1].copy(), data.ximat[1].copy()
         step = 1e-5
         differences = [
@@ -241,8 +240,7 @@ BALL_ADDED_MASS = '<numeric name="added_mass" data="0.5 0.5 0.5 0 0 0"/>'
 def test_a_submerged_ball_starts_at_its_known_acceleration(relative_density):
     """g (1 - s) / (s + 1/2) with the added mass of half the displaced water."""
     scene = ball(relative_density, BALL_ADDED_MASS)
-    with scene.buoyancy.installed():
-        mujoco.mj_forward(scene.model, scene.data)
+    mujoco.mj_forward(scene.model, scene.data)
     expected = GRAVITY * (1.0 - relative_density) / (relative_density + 0.5)
     assert scene.data.qacc[2] == pytest.approx(expected, abs=1e-9)
     assert np.abs(np.delete(scene.data.qacc, 2)).max() < 1e-9
@@ -303,7 +301,7 @@ OES_SPHERE = """
 def test_a_sphere_with_added_mass_alone_swings_between_heights_that_stay(height):
     """That of OES Task 10, released from some height: the water that comes and goes with the
     wetted part brings and takes its energy."""
-    scene = Scene.from_model(mujoco.MjModel.from_xml_string(OES_SPHERE))
+    scene = Scene.load(mujoco.MjSpec.from_string(OES_SPHERE))
     scene.data.qpos[0] = height
     z = np.array([s.positions[0, 2] for s in simulate(scene, 16.0, 100.0)]) / height
     turns = np.flatnonzero(np.diff(np.sign(np.diff(z)))) + 1
@@ -395,8 +393,7 @@ def test_damping_of_a_matrix_is_that_of_the_hull_afloat():
         np.testing.assert_allclose(
             scene.buoyancy.drag_wrenches(scene.data)[0], -share * matrix @ velocity, atol=1e-9
         )
-        with scene.buoyancy.installed():
-            mujoco.mj_forward(scene.model, scene.data)
+        mujoco.mj_forward(scene.model, scene.data)
         mass, inertia = scene.model.body_mass[1], scene.model.body_inertia[1, 0]
         whole = np.diag([mass] * 3 + [inertia] * 3) + timestep * share * matrix
         expected = np.linalg.solve(whole, -share * matrix @ velocity)
@@ -430,8 +427,7 @@ def test_a_matrix_is_taken_as_it_is():
 def test_a_force_of_ones_own_moves_the_added_mass_too():
     scene = ball(1.0, BALL_ADDED_MASS)
     scene.data.qfrc_applied[0] = 10.0
-    with scene.buoyancy.installed():
-        mujoco.mj_forward(scene.model, scene.data)
+    mujoco.mj_forward(scene.model, scene.data)
     mass = scene.model.body_mass[1]
     assert scene.data.qacc[0] == pytest.approx(10.0 / (1.5 * mass), rel=1e-9)
 
@@ -441,8 +437,7 @@ def test_water_that_accelerates_takes_a_body_with_added_mass_along():
     acceleration."""
     wave = '<numeric name="wave_a" data="0.4 9 30 50"/>'
     scene = ball(0.7, BALL_ADDED_MASS + wave)
-    with scene.buoyancy.installed():
-        mujoco.mj_forward(scene.model, scene.data)
+    mujoco.mj_forward(scene.model, scene.data)
     mass = scene.model.body_mass[1]
     added = 0.5 * scene.buoyancy.floats[0].method.hull.volume * DENSITY
     forces = scene.buoyancy.wrenches(scene.data)[0, :3] - [0.0, 0.0, mass * GRAVITY]
@@ -553,12 +548,6 @@ def test_without_drag_everything_stays_to_the_bit():
     np.testing.assert_array_equal(*ends)
 
 
-def test_apply_refuses_what_belongs_into_a_matrix():
-    scene = ball(0.5, BALL_ADDED_MASS)
-    with pytest.raises(ValueError, match=r"step inside `with buoyancy.installed\(\):`"):
-        scene.buoyancy.apply(scene.model, scene.data)
-
-
 def test_a_link_of_a_tree_rests_where_it_did_and_its_drag_is_bounded():
     """Drag on links neither moves an equilibrium nor blows up, a hundred times too strong."""
     box = '<geom name="{}" type="box" size="0.5 0.5 0.1" density="512.5"/>'
@@ -572,7 +561,7 @@ def test_a_link_of_a_tree_rests_where_it_did_and_its_drag_is_bounded():
     *_, last = simulate(scene, 60.0, rate=1.0)
     assert np.abs(scene.data.qvel).max() < 1e-2
     np.testing.assert_allclose(scene.data.qpos[[2, 7]], 0.0, atol=0.01)
-    assert Buoyancy.from_model(scene.model).floats[0].drag.added_mass is None
+    assert Buoyancy.of(scene.model).floats[0].drag.added_mass is None
     np.testing.assert_allclose(last.submerged_fractions, 0.5, atol=0.05)
 
 
@@ -603,8 +592,7 @@ def test_a_simple_bodys_diagonal_is_never_too_little():
             compiled, data, whole = scene.model, scene.data, np.empty((6, 6))
             mujoco.mju_mat2Quat(data.qpos[3:7], rotation.ravel())
             data.qpos[:3], data.qvel[:], data.time = position, velocity, time
-            with scene.buoyancy.installed():
-                mujoco.mj_forward(compiled, data)
+            mujoco.mj_forward(compiled, data)
             mujoco.mj_fullM(compiled, data, whole)
             matrices.append(whole)
         simple, roomy = matrices
@@ -637,8 +625,7 @@ def test_what_lies_under_a_ceiling_presses_with_its_net_buoyancy_and_rests(shape
     custom = f'<numeric name="drag" data="{drag}"/>' if drag else ""
     option = f'<option timestep="{timestep}" integrator="implicitfast"/>'
     scene = Scene.from_model(model(CEILING + body, ("g",), custom, option, assets))
-    with scene.buoyancy.installed():
-        mujoco.mj_step(scene.model, scene.data, nstep=round(80.0 / timestep))
+    mujoco.mj_step(scene.model, scene.data, nstep=round(80.0 / timestep))
     lift = scene.buoyancy.wrenches(scene.data)[0, 2] - scene.model.body_mass[1] * GRAVITY
     assert -scene.data.qfrc_constraint[2] == pytest.approx(lift, rel=1e-6)
     assert np.abs(scene.data.qvel).max() < 1e-6
@@ -680,8 +667,7 @@ def test_added_mass_of_a_link_is_that_of_a_particle_there(joint, is_free):
         rng = np.random.default_rng(4)
         data.qvel[:] = rng.normal(size=scene.model.nv)
         mujoco.mj_integratePos(scene.model, data.qpos, rng.normal(size=scene.model.nv), 1.0)
-        with scene.buoyancy.installed():
-            mujoco.mj_forward(scene.model, data)
+        mujoco.mj_forward(scene.model, data)
         accelerations.append(data.qacc.copy())
     scale = np.abs(accelerations[1]).max()
     np.testing.assert_allclose(*np.array(accelerations) / scale, atol=1e-8)  # the particle's size
@@ -711,8 +697,7 @@ def test_a_matrix_off_the_centre_of_mass_is_a_rigid_bodys():
         custom = f'<numeric name="added_mass" data="{numbers}"/>' * added
         scene = Scene.from_model(model(body, ("g",), custom))
         scene.data.qvel[:] = rng.normal(size=6) if added else ends[0][1]
-        with scene.buoyancy.installed():
-            mujoco.mj_forward(scene.model, scene.data)
+        mujoco.mj_forward(scene.model, scene.data)
         ends.append((scene.data.qacc.copy(), scene.data.qvel.copy()))
     np.testing.assert_allclose(ends[0][0], ends[1][0], atol=1e-10)
 
@@ -725,22 +710,21 @@ def test_derivatives_of_the_step_count_the_matrix_once():
     data.qpos[2], data.qvel[:] = 0.1, [0.3, -0.2, 0.4, 0.5, -0.1, 0.2]
     found, _ = np.empty((12, 12)), None
     expected, step = np.empty((12, 12)), 1e-6
-    with scene.buoyancy.installed():
-        mujoco.mjd_transitionFD(compiled, data, step, True, found, None, None, None)
-        for i in range(12):
-            ends = []
-            for sign in (1.0, -1.0):
-                other = mujoco.MjData(compiled)
-                other.qpos[:], other.qvel[:], other.time = data.qpos, data.qvel, data.time
-                if i < 6:
-                    mujoco.mj_integratePos(compiled, other.qpos, sign * np.eye(6)[i], step)
-                else:
-                    other.qvel[i - 6] += sign * step
-                mujoco.mj_step(compiled, other)
-                ends.append(other)
-            change = np.empty(6)
-            mujoco.mj_differentiatePos(compiled, change, 2.0 * step, ends[1].qpos, ends[0].qpos)
-            expected[:, i] = [*change, *((ends[0].qvel - ends[1].qvel) / (2.0 * step))]
+    mujoco.mjd_transitionFD(compiled, data, step, True, found, None, None, None)
+    for i in range(12):
+        ends = []
+        for sign in (1.0, -1.0):
+            other = mujoco.MjData(compiled)
+            other.qpos[:], other.qvel[:], other.time = data.qpos, data.qvel, data.time
+            if i < 6:
+                mujoco.mj_integratePos(compiled, other.qpos, sign * np.eye(6)[i], step)
+            else:
+                other.qvel[i - 6] += sign * step
+            mujoco.mj_step(compiled, other)
+            ends.append(other)
+        change = np.empty(6)
+        mujoco.mj_differentiatePos(compiled, change, 2.0 * step, ends[1].qpos, ends[0].qpos)
+        expected[:, i] = [*change, *((ends[0].qvel - ends[1].qvel) / (2.0 * step))]
     assert np.abs(expected - np.eye(12)).max() > 0.02
     np.testing.assert_allclose(found, expected, atol=1e-6)
 

@@ -238,7 +238,7 @@ def test_a_neutral_ball_deep_down_moves_on_a_circle_and_stays():
     radius, omega = 0.05 * np.exp(-3.0 * k), np.sqrt(GRAVITY * k)
     ends = {}
     for pressure in ("froude-krylov", "hydrostatic"):
-        scene = Scene.from_model(mujoco.MjModel.from_xml_string(NEUTRAL.format(pressure)))
+        scene = Scene.load(mujoco.MjSpec.from_string(NEUTRAL.format(pressure)))
         # the velocity of the circle through its right end, where the crest's phase is 0
         scene.data.qpos[:3] = [radius, 0.0, -3.0]
         scene.data.qvel[2] = -radius * omega

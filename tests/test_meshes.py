@@ -241,5 +241,5 @@ def test_a_mended_hull_floats(tmp_path):
     compiled = model(body, ("g",), assets=f'<mesh name="m" inertia="exact" file="{out}"/>')
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        buoyancy = Buoyancy.from_model(compiled)
+        buoyancy = Buoyancy.of(compiled)
     assert buoyancy.floats[0].method.hull.volume == pytest.approx(1.304, rel=1e-6)

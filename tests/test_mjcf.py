@@ -4,15 +4,15 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
-from scenes import CUBE, WAVES, model, xml
+from scenes import CUBE, WAVES, afloat, model, xml
 
 from independent import MODELS, ROUND_OFF
-from sim import Buoyancy, Chord, DragCoefficients, Linear
+from sim import Buoyancy, Chord, DragCoefficients, Linear, ModelError, Scene
 
 
 def test_reads_the_sea():
     compiled = model(custom='<numeric name="water_level" data="0.5"/>' + WAVES)
-    sea = Buoyancy.from_model(compiled).sea
+    sea = Buoyancy.of(compiled).sea
     assert (sea.density, sea.gravity, sea.level) == (1025.0, 9.81, 0.5)
     assert [w.amplitude for w in sea.waves] == [0.10, 0.06, 0.03]
     assert [w.wavelength for w in sea.waves] == [4.0, 2.4, 1.4]
@@ -21,13 +21,13 @@ def test_reads_the_sea():
 
 
 def test_gravity_is_the_models_own():
-    assert Buoyancy.from_model(model(option='<option gravity="0 0 -1.62"/>')).sea.gravity == 1.62
+    assert Buoyancy.of(model(option='<option gravity="0 0 -1.62"/>')).sea.gravity == 1.62
 
 
 def test_other_peoples_custom_elements_are_left_alone():
     other = '<numeric name="gain" data="1 2"/><numeric name="dragon" data="1"/>'
     other += '<text name="author" data="me"/>'
-    assert len(Buoyancy.from_model(model(custom=other)).floats) == 1
+    assert len(Buoyancy.of(model(custom=other)).floats) == 1
 
 
 GEOMS = {
@@ -47,7 +47,7 @@ def test_primitives_have_their_exact_volume_and_place(kind):
     second = '<geom type="sphere" size="0.1" pos="-1 0 0"/>'
     body = f'<body><freejoint/><geom name="g" {shape} {place}/>{second}</body>'
     compiled = model(body, ("g",))
-    (geom,) = Buoyancy.from_model(compiled).floats
+    (geom,) = Buoyancy.of(compiled).floats
     hull = geom.method.hull
     assert hull.volume == pytest.approx(volume, rel=ROUND_OFF)
     quaternion = compiled.geom_quat[0]
@@ -65,7 +65,7 @@ def test_mesh_geom_is_the_file_in_the_geoms_frame():
     assets = f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}" inertia="exact"/>'
     body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" pos="1 2 3"/></body>'
     compiled = model(body, ("g",), assets=assets)
-    (geom,) = Buoyancy.from_model(compiled).floats
+    (geom,) = Buoyancy.of(compiled).floats
     hull = geom.method.hull
     mesh = trimesh.load_mesh(MODELS / "meshes" / "bunny.obj", process=False)
     assert len(hull.faces) == len(mesh.faces)
@@ -78,15 +78,15 @@ def test_method_of_one_geom_overrules_the_scenes_and_the_caller_overrules_both()
     <text name="buoyancy_method" data="chord"/> <numeric name="chord_samples" data="7"/>
     <text name="buoyancy_method_ball" data="linear"/>"""
     ball = '<body pos="3 0 0"><freejoint/><geom name="ball" size="0.2"/></body>'
-    compiled = model(CUBE + ball, ("cube", "ball"), custom)
-    cube, ball = (f.method for f in Buoyancy.from_model(compiled).floats)
+    what = CUBE + ball, ("cube", "ball"), custom
+    cube, ball = (f.method for f in Buoyancy.of(model(*what)).floats)
     assert (type(cube), cube.samples, type(ball)) == (Chord, 7, Linear)
-    floats = Buoyancy.from_model(compiled, method="chord:2:crests").floats
+    floats = afloat(*what, load=dict(method="chord:2:crests")).buoyancy.floats
     assert all(f.method.samples == 2 and f.method.crests_only for f in floats)
 
 
 def test_pressure_is_the_scenes_unless_the_caller_or_the_method_says_another():
-    plain, still = model(), model(custom='<text name="water_pressure" data="hydrostatic"/>')
+    plain, still = "", '<text name="water_pressure" data="hydrostatic"/>'
     asked = {
         (plain, None, None): "froude-krylov",
         (still, None, None): "hydrostatic",
@@ -94,8 +94,9 @@ def test_pressure_is_the_scenes_unless_the_caller_or_the_method_says_another():
         (plain, "linear/hydrostatic", None): "hydrostatic",
         (plain, "/hydrostatic", None): "hydrostatic",
     }
-    for (compiled, method, pressure), expected in asked.items():
-        buoyancy = Buoyancy.from_model(compiled, method, pressure=pressure)
+    for (custom, method, pressure), expected in asked.items():
+        load = dict(method=method, pressure=pressure)
+        buoyancy = afloat(custom=custom, load=load).buoyancy
         assert buoyancy.sea.pressure == buoyancy.floats[0].method.sea.pressure == expected
 
 
@@ -116,7 +117,7 @@ def test_drag_and_added_mass_of_one_geom_overrule_the_scenes():
         '<numeric name="drag_crate" data="0.3 2 0"/><numeric name="drag_angular_crate" data="0"/>'
         f'<numeric name="added_mass_crate" data="{numbers(np.eye(6))}"/>'
     )
-    cube, crate = Buoyancy.from_model(model(TWO_CUBES, ("cube", "crate"), custom)).floats
+    cube, crate = Buoyancy.of(model(TWO_CUBES, ("cube", "crate"), custom)).floats
     assert cube.drag.coefficients == DragCoefficients(0.2, 1.0, 0.005, 0.5)
     assert crate.drag.coefficients == DragCoefficients(0.3, 2.0, 0.0, 0.0)
     expected = np.diag([1025.0 / 2.0] * 3 + [0.0] * 3)
@@ -126,9 +127,9 @@ def test_drag_and_added_mass_of_one_geom_overrule_the_scenes():
 
 
 def test_drag_is_off_unless_a_scene_asks():
-    assert Buoyancy.from_model(model()).floats[0].drag is None
+    assert Buoyancy.of(model()).floats[0].drag is None
     custom = '<numeric name="drag_cube" data="0.2 1 0"/>'
-    cube, crate = Buoyancy.from_model(model(TWO_CUBES, ("cube", "crate"), custom)).floats
+    cube, crate = Buoyancy.of(model(TWO_CUBES, ("cube", "crate"), custom)).floats
     assert cube.drag is not None
     assert crate.drag is None
 
@@ -137,7 +138,7 @@ def test_six_zeros_take_the_added_mass_from_one_geom():
     slide = CUBE.replace("<freejoint/>", '<joint type="slide" axis="0 0 1"/>')
     custom = '<numeric name="added_mass" data="1 1 1 0 0 0"/>'
     custom += '<numeric name="added_mass_cube" data="0 0 0 0 0 0"/>'
-    assert Buoyancy.from_model(model(slide, custom=custom)).floats[0].drag is None
+    assert Buoyancy.of(model(slide, custom=custom)).floats[0].drag is None
 
 
 def mesh_model(file: str) -> str:
@@ -325,21 +326,32 @@ REFUSALS = {
 @pytest.mark.parametrize("case", REFUSALS)
 def test_refusals_name_the_element_and_the_remedy(case):
     changes, message = REFUSALS[case]
-    with pytest.raises(ValueError, match=message):
-        Buoyancy.from_model(model(**changes))
+    with pytest.raises(ModelError, match=message):
+        afloat(**changes)
+    with pytest.raises(ValueError, match=r"plugin->init failed"):
+        model(**changes)
+
+
+def test_a_timestep_that_cannot_be_is_refused_after_a_model_that_differs_in_nothing_else():
+    custom = '<numeric name="water_level" data="-0.0625"/>'
+    assert Buoyancy.of(model(custom=custom)).sea.level == -0.0625
+    with pytest.raises(ModelError, match=r"option timestep is 0.*above 0"):
+        afloat(custom=custom, option='<option timestep="0"/>')
 
 
 def test_overruling_method_and_tolerance_are_checked_too():
-    with pytest.raises(ValueError, match="the method asked for: 'magic' is no"):
-        Buoyancy.from_model(model(), method="magic")
+    with pytest.raises(ValueError, match="'buoyancy_method': 'magic' is no"):
+        afloat(load=dict(method="magic"))
     with pytest.raises(ValueError, match="tolerance is 0 m"):
-        Buoyancy.from_model(model(), tolerance=0.0)
+        afloat(load=dict(tolerance=0.0))
+    with pytest.raises(ValueError, match="water pressure is 'static'"):
+        afloat(load=dict(pressure="static"))
 
 
 def test_an_open_mesh_is_refused_by_geom_and_mesh(tmp_path):
     mesh = trimesh.creation.box()
     mesh.update_faces(np.arange(12) > 0)
     mesh.export(tmp_path / "open.obj")
-    compiled = mujoco.MjModel.from_xml_string(mesh_model(str(tmp_path / "open.obj")))
-    with pytest.raises(ValueError, match=r"geom 'g' \(mesh 'm'\): .*not closed: 3 of 18 edges"):
-        Buoyancy.from_model(compiled)
+    text = mesh_model(str(tmp_path / "open.obj"))
+    with pytest.raises(ModelError, match=r"geom 'g' \(mesh 'm'\): .*not closed: 3 of 18 edges"):
+        Scene.load(mujoco.MjSpec.from_string(text))

@@ -159,11 +159,11 @@ def test_the_spheres_are_a_hundred_of_1280_faces_and_keep_off_the_faulty_solver(
 
 
 def test_what_the_readme_gives_a_newcomer_floats_and_stays(tmp_path):
-    """Its element and its five lines of Python, taken literally, with a box for a boat: it neither
+    """Its elements and its four lines of Python, taken literally, with a box for a boat: it neither
     surfs away nor jumps about."""
     readme = (REPOSITORY / "README.md").read_text()
     custom = next(text for text in blocks(readme, "xml") if "<custom>" in text)
-    program = next(text for text in blocks(readme, "python") if "Buoyancy" in text)
+    program = next(text for text in blocks(readme, "python") if "mj_step" in text)
     body = (
         '<body name="boat"><freejoint/><geom type="box" size="0.5 0.3 0.2" density="500"/></body>'
     )

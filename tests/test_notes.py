@@ -3,13 +3,14 @@
 import copy
 import pickle
 import warnings
+from collections.abc import Callable
 
 import made_hulls
 import mujoco
 import numpy as np
 import pytest
 import run as run_script
-from scenes import CUBE, WAVES, model, xml
+from scenes import CUBE, WAVES, afloat, model, xml
 
 from independent import DENSITY, GRAVITY, MODELS
 from sim import Buoyancy, ModelError, Note, Scene, hydrostatics
@@ -18,10 +19,15 @@ from sim.coupling.primitives import geom_hull
 ROUND_OFF = 1e-9
 
 
-def notes_of(compiled) -> list[str]:
+def notes_of(*args, **kwargs) -> list[str]:
+    """What compiling the `model` of these arguments says."""
+    return notes_while(lambda: model(*args, **kwargs))
+
+
+def notes_while(compile_one: Callable[[], mujoco.MjModel]) -> list[str]:
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        Buoyancy.from_model(compiled)
+        compile_one()
     assert all(issubclass(w.category, Note) for w in said)
     return [str(w.message) for w in said]
 
@@ -44,12 +50,12 @@ def robot(limbs: int = 20) -> str:
 
 def test_a_body_stands_for_all_geoms_of_its_subtree_that_collide():
     compiled = model(robot(), (), extra=listing("torso"))
-    floats = Buoyancy.from_model(compiled).floats
+    floats = Buoyancy.of(compiled).floats
     assert len(floats) == 21
     assert floats[0].name == "torso/geom 0"
     assert floats[1].name == f"body {floats[1].body}/geom 0"
     ghosts = robot(1).replace('density="500"', 'density="500" contype="0" conaffinity="0"')
-    floats = Buoyancy.from_model(model(ghosts, (), extra=listing("torso"))).floats
+    floats = Buoyancy.of(model(ghosts, (), extra=listing("torso"))).floats
     assert [f.geoms for f in floats] == [(0,), (1, 2)]  # capsule and box overlap
 
 
@@ -61,9 +67,7 @@ def test_settings_may_name_a_body_and_geoms_without_a_name():
     bodies = """<body name="torso"><freejoint/><geom size="0.2"/>
       <body name="arm" pos="1 0 0"><joint/><geom size="0.1" pos="0.5 0 0"/><geom size="0.1"/></body>
       </body>"""
-    torso, first, second = Buoyancy.from_model(
-        model(bodies, (), custom, extra=listing("torso"))
-    ).floats
+    torso, first, second = Buoyancy.of(model(bodies, (), custom, extra=listing("torso"))).floats
     assert torso.drag.coefficients.form == 1.0
     assert first.drag.coefficients.form == second.drag.coefficients.form == 2.0
     assert type(first.method).__name__ == "Patches"
@@ -74,7 +78,7 @@ def test_a_body_without_geoms_is_refused():
     inertial = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
     bodies = f'{CUBE}<body name="empty"><freejoint/>{inertial}</body>'
     with pytest.raises(ModelError, match="lists body 'empty', which has no geom"):
-        Buoyancy.from_model(model(bodies, (), extra=listing("empty")))
+        afloat(bodies, (), extra=listing("empty"))
 
 
 FAULTY = xml(
@@ -88,7 +92,7 @@ FAULTY = xml(
 
 def test_all_faults_are_told_at_once(tmp_path, capsys):
     with pytest.raises(ModelError) as caught:
-        Buoyancy.from_model(mujoco.MjModel.from_xml_string(FAULTY))
+        Scene.load(mujoco.MjSpec.from_string(FAULTY))
     faults = caught.value.faults
     words = ("density is 1000", "flag gravity", "wave_a' has 3", "water_depth' is unknown",
              "rock' belongs to the world", "'magic' is no method")  # fmt: skip
@@ -145,7 +149,7 @@ NOTED = {
 def test_what_is_likely_not_meant_is_noted(case):
     changes, message = NOTED[case]
     with pytest.warns(Note, match=message):
-        Buoyancy.from_model(model(**changes))
+        model(**changes)
 
 
 def test_what_is_fine_is_not_noted():
@@ -155,41 +159,72 @@ def test_what_is_fine_is_not_noted():
     )
     aside = CUBE + STATIC.format("box", "1 1 0.5", -0.5).replace('pos="0', 'pos="9')
     for bodies in (CUBE, far, ghost, aside):
-        assert notes_of(model(bodies, custom=WAVES)) == []
+        assert notes_of(bodies, custom=WAVES) == []
 
 
 @pytest.mark.parametrize("name", ["wigley", "spar", "articulated", "cube", "bunny", "spheres"])
 def test_the_shipped_models_are_not_noted(name):
-    assert notes_of(mujoco.MjModel.from_xml_path(str(MODELS / f"{name}.xml"))) == []
+    path = str(MODELS / f"{name}.xml")
+    assert notes_while(lambda: mujoco.MjModel.from_xml_path(path)) == []
 
 
 def test_notes_of_one_kind_are_said_once():
     (note,) = notes_of(
-        model(
-            robot(8).replace('contype="0" conaffinity="0"', ""),
-            (),
-            '<numeric name="buoyancy_union" data="1"/>',
-            extra=listing("torso"),
-        )
+        robot(8).replace('contype="0" conaffinity="0"', ""),
+        (),
+        '<numeric name="buoyancy_union" data="1"/>',
+        extra=listing("torso"),
     )[:1]
     assert note.endswith("(7 more like this)")
 
 
+TWO = CUBE + CUBE.replace('"cube"', '"crate"').replace("0 0 0", "{} 0 0")
+KEYS = '<keyframe><key qpos="0 0 0 1 0 0 0  {} 0 0 1 0 0 0"/></keyframe>'
+NEARLY_ALIKE = {
+    "mass": (dict(), dict(bodies=CUBE.replace("512.5", "1")), "times as dense"),
+    "gravcomp": (dict(), dict(bodies=CUBE.replace("<body", '<body gravcomp="1"')), "gravcomp"),
+    "place": (
+        dict(bodies=TWO.format(3), buoyant=("cube", "crate")),
+        dict(bodies=TWO.format(0.7), buoyant=("cube", "crate")),
+        "move them apart",
+    ),
+    "keyframe": (
+        dict(bodies=TWO.format(3), buoyant=("cube", "crate"), extra=KEYS.format(3)),
+        dict(bodies=TWO.format(3), buoyant=("cube", "crate"), extra=KEYS.format(0.7)),
+        "move them apart",
+    ),
+}
+
+
+@pytest.mark.parametrize("is_first", [True, False])
+@pytest.mark.parametrize("what", NEARLY_ALIKE)
+def test_notes_are_those_of_the_model_and_not_of_one_like_it(what, is_first):
+    """Whichever is compiled first; in water that only they have."""
+    fine, odd, message = NEARLY_ALIKE[what]
+    level = 1e-6 * (2 * list(NEARLY_ALIKE).index(what) + is_first + 1)
+    custom = f'<numeric name="water_level" data="{level}"/>'
+    for changes in (fine, odd)[:: 1 if is_first else -1]:
+        said = " ".join(notes_of(**changes, custom=custom))
+        assert (message in said) == (changes is odd)
+
+
 def test_notes_can_be_errors_or_silent():
-    compiled = model(CUBE.replace("512.5", "1"))
     with warnings.catch_warnings():
         warnings.simplefilter("error", Note)
+        with pytest.raises(ValueError, match="times as dense as the water"):
+            model(CUBE.replace("512.5", "1"))
         with pytest.raises(Note):
-            Buoyancy.from_model(compiled)
+            afloat(CUBE.replace("512.5", "1"))
         warnings.simplefilter("ignore", Note)
-        Buoyancy.from_model(compiled)
+        model(CUBE.replace("512.5", "1"))
+        afloat(CUBE.replace("512.5", "1"))
 
 
 def test_a_mesh_of_legacy_inertia_is_noted():
     mesh = f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}"{{}}/>'
     body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" density="500"/></body>'
-    assert notes_of(model(body, ("g",), assets=mesh.format(' inertia="exact"'))) == []
-    (note,) = notes_of(model(body, ("g",), assets=mesh.format(' inertia="legacy"')))
+    assert notes_of(body, ("g",), assets=mesh.format(' inertia="exact"')) == []
+    (note,) = notes_of(body, ("g",), assets=mesh.format(' inertia="legacy"'))
     assert 'inertia="exact"' in note
     assert "its mass 7.9 % above" in note
 
@@ -213,10 +248,10 @@ def test_overlaps_of_a_body_count_once_unless_switched_off():
     assert lift == pytest.approx(DENSITY * GRAVITY * one.method.hull.volume, rel=ROUND_OFF)
     assert 1.2 < one.method.hull.volume < 1.7
     off = '<numeric name="buoyancy_union" data="0"/>'
-    assert len(Buoyancy.from_model(model(OVERLAP, ("cube", "keel"), off)).floats) == 2
+    assert len(Buoyancy.of(model(OVERLAP, ("cube", "keel"), off)).floats) == 2
     other = '<numeric name="drag_keel" data="1 1 0"/>'
     with pytest.warns(Note, match="overlap and count that water twice"):
-        assert len(Buoyancy.from_model(model(OVERLAP, ("cube", "keel"), other)).floats) == 2
+        assert len(Buoyancy.of(model(OVERLAP, ("cube", "keel"), other)).floats) == 2
 
 
 def test_overlaps_that_cannot_be_one_surface_stay_apart_and_are_noted():
@@ -224,22 +259,24 @@ def test_overlaps_that_cannot_be_one_surface_stay_apart_and_are_noted():
     box = '<geom name="{}" type="box" size="0.5 0.5 {}" pos="{}" density="100"/>'
     geoms = box.format("a", 0.5, "0 0 0") + box.format("b", 0.5, "1 1 0")
     third = '<geom name="c" type="box" size="0.4 0.4 0.1" pos="0.5 0.5 0" density="100"/>'
-    compiled = model(f"<body><freejoint/>{geoms}{third}</body>", ("a", "b", "c"))
     with pytest.warns(Note, match="'a', 'b' and 'c' overlap.*cannot be united"):
-        assert len(Buoyancy.from_model(compiled).floats) == 3
+        compiled = model(f"<body><freejoint/>{geoms}{third}</body>", ("a", "b", "c"))
+    assert len(Buoyancy.of(compiled).floats) == 3
 
 
-def test_a_united_geom_that_moves_on_its_body_is_refused():
+def test_a_united_geom_that_moves_on_its_body_is_united_anew_at_a_reset():
     compiled = model(OVERLAP, ("cube", "keel"))
-    buoyancy, data = Buoyancy.from_model(compiled), mujoco.MjData(compiled)
+    before, data = Buoyancy.of(compiled), mujoco.MjData(compiled)
     compiled.geom_pos[1, 0] += 0.1
-    with pytest.raises(ValueError, match="geom_pos changed"), buoyancy.installed():
-        mujoco.mj_step(compiled, data)
-    compiled.geom_pos[1, 0] -= 0.1
-    with buoyancy.installed():
-        compiled.geom_pos[1, 0] += 0.1
-        with pytest.raises(mujoco.FatalError, match="geom_pos changed"):
-            mujoco.mj_step(compiled, data)
+    for expected in (before, Buoyancy.of(compiled)):
+        data.qpos[2] = -9.0
+        mujoco.mj_forward(compiled, data)
+        volume = expected.floats[0].method.hull.volume
+        lift = data.xfrc_applied[1, 2]
+        assert lift == pytest.approx(DENSITY * GRAVITY * volume, rel=ROUND_OFF)
+        mujoco.mj_resetData(compiled, data)
+    after = Buoyancy.of(compiled).floats[0].method.hull.volume
+    assert after > before.floats[0].method.hull.volume + 0.05
 
 
 def test_the_displaced_volume_may_be_another_than_the_hulls():
@@ -255,7 +292,7 @@ def test_the_displaced_volume_may_be_another_than_the_hulls():
     assert found.volume_m3 == pytest.approx(0.25)
     assert found.displacement_m3 == pytest.approx(128.0 / DENSITY)
     with pytest.raises(ModelError, match=r"'displaced_cube': .* is 0; it must be above 0"):
-        Buoyancy.from_model(model(custom=custom.replace("0.25", "0")))
+        afloat(custom=custom.replace("0.25", "0"))
 
 
 @pytest.mark.parametrize("size", [1e-7, 1e-4, 1.0, 100.0])
@@ -286,36 +323,35 @@ def attached(sea: str = WAVES, own: str = "") -> mujoco.MjModel:
     )
     child = mujoco.MjSpec.from_string(xml(custom=sea + '<numeric name="drag_cube" data="1 1 0"/>'))
     parent.attach(child, prefix="a_", frame=parent.worldbody.add_frame())
-    return parent.compile()
+    return Scene.load(parent).model
 
 
 def test_an_attached_model_floats_in_its_own_sea():
     compiled = attached()
     assert compiled.tuple(0).name == "a_buoyant"
-    buoyancy = Buoyancy.from_model(compiled)
+    buoyancy = Buoyancy.of(compiled)
     assert len(buoyancy.sea.waves) == 3
     assert buoyancy.floats[0].name == "cube"
     assert buoyancy.floats[0].drag.coefficients.linear == 1.0
     data = mujoco.MjData(compiled)
-    with buoyancy.installed():
-        mujoco.mj_step(compiled, data, nstep=10)
+    mujoco.mj_step(compiled, data, nstep=10)
     assert data.xfrc_applied[1, 2] > 0.0
 
 
 def test_two_different_seas_are_refused():
     same = '<numeric name="water_density" data="1025"/>' + WAVES
-    assert len(Buoyancy.from_model(attached(own=same)).sea.waves) == 3
+    assert len(Buoyancy.of(attached(own=same)).sea.waves) == 3
     with pytest.raises(
         ModelError, match="two different seas: that of the model itself and that of"
     ):
-        Buoyancy.from_model(attached(own='<numeric name="wave_a" data="0.1 3 0 0"/>'))
+        attached(own='<numeric name="wave_a" data="0.1 3 0 0"/>')
 
 
 def test_the_wrapper_of_dm_control_is_taken():
     class Wrapper:
         ptr = model()
 
-    assert Buoyancy.from_model(Wrapper()).model is Wrapper.ptr
+    assert Buoyancy.of(Wrapper()).model is Wrapper.ptr
 
 
 STARTS = {
@@ -353,5 +389,5 @@ def test_overlapping_shells_of_a_mesh_are_noted(tmp_path):
     body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" density="500"/></body>'
     mesh = f'<mesh name="m" inertia="exact" file="{tmp_path / "m.obj"}"/>'
     with pytest.warns(Note, match="its shells overlap and are one hull.*12 % of its volume twice"):
-        buoyancy = Buoyancy.from_model(model(body, ("g",), assets=mesh))
+        buoyancy = Buoyancy.of(model(body, ("g",), assets=mesh))
     assert buoyancy.floats[0].method.hull.volume == pytest.approx(8.0)

@@ -4,10 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
-from scenes import CUBE, WAVES, model, xml
+from scenes import CUBE, WAVES, afloat, model, xml
 
 from independent import MODELS, status_of
-from sim import Buoyancy, ModelError, Scene, Sea, Wave
+from sim import ModelError, Scene, Sea, Wave
 from sim.coupling.files import model_files
 from sim.water.spectrum import bretschneider, ochi_hubble, pierson_moskowitz
 
@@ -15,7 +15,7 @@ JONSWAP = '<numeric name="sea_jonswap" data="0.3 3 3.3 10"/>'
 
 
 def sea_with(*settings: str, custom: str = WAVES) -> Sea:
-    return Buoyancy.from_model(model(custom=custom), settings=settings).sea
+    return afloat(custom=custom, load=dict(settings=settings)).buoyancy.sea
 
 
 def test_settings_overrule_numbers_parts_of_them_and_texts():
@@ -26,7 +26,7 @@ def test_settings_overrule_numbers_parts_of_them_and_texts():
     assert sea_with("water_current=0.5 0").current == (0.5, 0.0, 0.0)
     assert sea_with("water_pressure=hydrostatic").pressure == "hydrostatic"
     assert len(sea_with("wave_new=0.01 1 0 0").waves) == 4
-    floats = Buoyancy.from_model(model(), settings=["buoyancy_method_cube=linear"]).floats
+    floats = afloat(load=dict(settings=["buoyancy_method_cube=linear"])).buoyancy.floats
     assert type(floats[0].method).__name__ == "Linear"
 
 

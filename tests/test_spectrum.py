@@ -148,7 +148,7 @@ def test_refusals(numbers, message):
 
 
 def sea_of(data: str) -> Sea:
-    return Buoyancy.from_model(model(custom=f'<numeric name="sea_jonswap" data="{data}"/>')).sea
+    return Buoyancy.of(model(custom=f'<numeric name="sea_jonswap" data="{data}"/>')).sea
 
 
 def test_custom_numeric_has_the_same_numbers_in_the_same_order():
@@ -173,4 +173,4 @@ def test_unusable_custom_numerics(data, message):
 
 def test_a_misspelt_sea_is_refused():
     with pytest.raises(ValueError, match=r"numeric 'sea_jonsvap' is unknown.*sea_jonswap"):
-        Buoyancy.from_model(model(custom='<numeric name="sea_jonsvap" data="1 5"/>'))
+        Buoyancy.of(model(custom='<numeric name="sea_jonsvap" data="1 5"/>'))

@@ -1,7 +1,7 @@
 """A gymnasium environment: hold a floating cube in its place by pushing it.
 
-Needs `pip install gymnasium`. The water's rows of xfrc_applied are Waterline's; an action goes into
-qfrc_applied.
+Needs `pip install gymnasium`. Nothing in it knows of the water but the scene's file, and the import
+of sim, which makes the file's plugin known. So any number of environments live side by side.
 """
 
 import sys
@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sim import Scene
+import sim  # noqa: F401  the plugin
 
 try:
     import gymnasium
@@ -29,26 +29,24 @@ class HoldTheCube(gymnasium.Env):
     observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (13,), np.float64)
 
     def __init__(self) -> None:
-        self.scene = Scene.load(CUBE)
-        self.scene.buoyancy.install()
+        self.model = mujoco.MjModel.from_xml_path(str(CUBE))
+        self.data = mujoco.MjData(self.model)
+        self.cube = self.model.body("cube").id
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        mujoco.mj_resetDataKeyframe(self.scene.model, self.scene.data, 0)
-        self.scene.data.time = self.np_random.uniform(0.0, 60.0)
+        mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
+        self.data.time = self.np_random.uniform(0.0, 60.0)
         return self._observed(), {}
 
     def step(self, action):
-        self.scene.data.qfrc_applied[:2] = action
-        mujoco.mj_step(self.scene.model, self.scene.data, nstep=10)
-        far = float(np.linalg.norm(self.scene.data.qpos[:2]))
+        self.data.xfrc_applied[self.cube, :2] = action
+        mujoco.mj_step(self.model, self.data, nstep=10)
+        far = float(np.linalg.norm(self.data.qpos[:2]))
         return self._observed(), -far, far > 20.0, False, {}
 
-    def close(self) -> None:
-        self.scene.buoyancy.uninstall()
-
     def _observed(self) -> np.ndarray:
-        return np.concatenate([self.scene.data.qpos, self.scene.data.qvel])
+        return np.concatenate([self.data.qpos, self.data.qvel])
 
 
 if __name__ == "__main__":
@@ -61,4 +59,3 @@ if __name__ == "__main__":
             state, reward, terminated, truncated, _ = environment.step(push)
             total, is_over = total + reward, terminated or truncated
         print(f"episode {episode}: mean distance {-total / 200:.3f} m")
-    environment.close()

@@ -18,7 +18,7 @@ BOX = """
   </worldbody>
 </mujoco>"""
 
-scene = Scene.from_model(mujoco.MjModel.from_xml_string(BOX), "box")
+scene = Scene.load(mujoco.MjSpec.from_string(BOX))
 for sample in simulate(scene, duration=10.0, rate=2.0):
     height, water = sample.centres[0, 2], sample.elevations[0]
     print(f"{sample.time:5.2f} s: box at {height:+.3f} m, water at {water:+.3f} m")

@@ -12,13 +12,12 @@ from sim import Recorder, Scene, observe
 
 scene = Scene.load(Path(__file__).resolve().parents[2] / "models" / "bunny.xml")
 model, data = scene.model, scene.data
+bunny = model.body("bunny").id
 with Recorder("recordings/own_loop.rrd", scene, view="--view" in sys.argv) as recorder:
     for frame in range(150):
         recorder.log(observe(scene))
-        with scene.buoyancy.installed():
-            for _ in range(10):
-                # the water's rows of xfrc_applied are Waterline's; yours is qfrc_applied
-                data.qfrc_applied[:2] = -200.0 * data.qpos[:2] - 100.0 * data.qvel[:2]
-                mujoco.mj_step(model, data)
+        for _ in range(10):
+            data.xfrc_applied[bunny, :2] = -200.0 * data.qpos[:2] - 100.0 * data.qvel[:2]
+            mujoco.mj_step(model, data)
         if frame % 30 == 0:
             print(f"{data.time:.2f} s: {data.qpos[:2].round(3)} m from its place")

@@ -1,35 +1,46 @@
-"""Context: all that the native callback needs of a model and its hulls, in tables at addresses."""
+"""Context: the water of a model and the hulls in it, in tables that C functions read.
+
+Models with the same content share a context: a model, its copies, and all of their states.
+"""
 
 import ctypes
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
+from threading import RLock
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling import native
-from sim.coupling.custom_fields import elements_of, prefixes
 from sim.coupling.floats import FloatingGeom, moving_dofs
-from sim.coupling.layout import offsets
+from sim.coupling.layout import (
+    OF_MATRICES,
+    content_spans,
+    offsets,
+    option_spans,
+    picture_offsets,
+)
+from sim.coupling.mjcf import Floating, stamp_of
+from sim.coupling.picture import PICTURE
 from sim.kernels import packed
+from sim.methods import METHODS, Batch, Place
 from sim.methods.method import NativePart
 from sim.resistance.drag import SURFACE
 from sim.resistance.reaction import HULL, hull_row
-from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
 
 CLOCK_MONOTONIC = getattr(time, "CLOCK_MONOTONIC", 0)
 
-PROBED_VERTICES = 4
-"""Of each mesh, spread over it: enough for another or a scaled mesh to be noticed."""
+WORD = ctypes.c_int64
 
-_marks = np.zeros(native.MARKS)
-"""By which rows that we wrote are known again, of the whole process."""
+UNUSED = 16
+"""Contexts that are kept although no state uses them: a model is compiled before its first state is
+made, and other models may be compiled in between."""
 
 
 @cache
@@ -45,92 +56,189 @@ def function_address(library: ctypes.CDLL, name: str) -> int:
 
 
 class Context:
-    """One model, its sea and its hulls, as kernels take them; the record is at `address`.
+    """A sea and the hulls in it, as kernels take them; the record is at `address`.
 
-    Nothing in it changes but the counters. parts: the hulls by the kernels of their methods, or
-    None where a method has none and `wrenches` are computed elsewhere.
+    Nothing in it changes but the number of its users.
+
+    sea: what they float in; floats: the hulls; bodies: (B,) ids of their bodies, each once;
+    float_bodies: (H,) for each hull its place in `bodies`; notes: what there is to say about hulls
+    and waves; model: the one that it was made from.
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        sea: Sea,
-        floats: Sequence[FloatingGeom],
-        probes: tuple[Table, NDArray[np.uint8]],
-        parts: Sequence[NativePart] | None,
-    ) -> None:
-        self.hulls, self._bodies = len(floats), len({f.body for f in floats})
-        self.is_native = parts is not None
-        self._parts = parts or ()
-        self._states = np.zeros(native.STATES, dtype=np.int64)
-        self._counters = np.zeros((native.SHARDS, native.COUNTERS), dtype=np.int64)
+    def __init__(self, model: mujoco.MjModel, what: Floating) -> None:
+        self.model = model  # a copy that nobody else has
+        self.sea, self.floats, self.notes = what.sea, what.floats, what.notes
+        self._files = what.files
+        sea, floats = self.sea, self.floats
+        self.bodies, self.float_bodies = np.unique(
+            [f.body for f in self.floats], return_inverse=True
+        )
         drags = [f.drag for f in floats]
+        self.has_resistance = any(drags)
+        self.batches = batches_of(floats, what.threads)
         surfaces = [drag.surface for drag in drags if drag] or [np.zeros(1, SURFACE)]
+        self._parts, self._push = self._method_of_pushing()
         self._block = packed(
             *_float_tables(model, floats), _hull_table(floats), np.concatenate(surfaces),
-            sea.components, sea.water, *probes, _part_table(self._parts),
+            sea.components, sea.water, _part_table(self._parts), _picture_table(what),
         )  # fmt: skip
-        self._record = self._filled(model, sea, any(drags))
+        self._record = self._filled(model)
         self.address = int(self._record.ctypes.data)
 
-    def _filled(self, model: mujoco.MjModel, sea: Sea, has_resistance: bool) -> Table:
+    def _method_of_pushing(self) -> tuple[list[NativePart], Callable[..., None] | None]:
+        """The hulls by the kernels of their methods; where a method has none, a function that asks
+        the interpreter instead."""
+        of_batches = [batch.native() for batch in self.batches]
+        if None not in of_batches:
+            return [part for parts in of_batches for part in parts], None
+
+        @ctypes.CFUNCTYPE(None, WORD, WORD, WORD, WORD)
+        def push(context: int, model: int, data: int, wrenches: int) -> None:
+            found = _array_at(wrenches, (len(self.floats), 6))
+            found[:] = np.nan  # what stays where a method raises
+            places, rotations = (
+                _array_at(_word_at(data + offsets()[name]), (self._geoms, size))
+                for name, size in (("geom_xpos", 3), ("geom_xmat", 9))
+            )
+            now = ctypes.c_double.from_address(data + offsets()["time"]).value
+            for batch in self.batches:
+                batch.write_wrenches(places, rotations, now, found)
+
+        return [], push
+
+    def _filled(self, model: mujoco.MjModel) -> Table:
         library, clock = mujoco_library(), function_address(ctypes.CDLL(None), "clock_gettime")
-        record = np.zeros(1, native.CONTEXT)
+        self._geoms = model.ngeom
+        record = blank()
+        push = ctypes.cast(self._push, ctypes.c_void_p).value if self._push else None
         values = dict(
-            model=model._address, signature=np.uint64(model.signature).astype(np.int64),
             bodies=model.nbody, geoms=model.ngeom, freedoms=model.nv, matrix=model.nC,
-            hulls=self.hulls, own=record.ctypes.data, block=self._block.ctypes.data,
-            block_size=self._block.size, act=native.act_at.address if self.is_native else 0,
-            resist=native.resist_at.address if has_resistance else 0,
+            hulls=len(self.floats), own=record.ctypes.data, block=self._block.ctypes.data,
+            block_size=self._block.size, push=push or native.push_at.address,
+            act=native.act_at.address,
+            resist=native.resist_at.address if self.has_resistance else 0,
             make_inertia=function_address(library, "mj_makeM"),
             factor_inertia=function_address(library, "mj_factorM"),
+            release=function_address(library, "mju_free"),
             clock=clock, clock_number=CLOCK_MONOTONIC,
-            counters=self._counters.ctypes.data, states=self._states.ctypes.data,
-            marks=_marks.ctypes.data, gravity=sea.gravity,
         )  # fmt: skip
         for name, value in values.items():
             record[name] = value
-        for name, offset in offsets().items():
-            record["layout"][name] = offset
         return record
 
-    def counted(self, number: int) -> int:
-        """One of the counters of `native`, of all threads."""
-        return int(self._counters[:, number].sum())
+    @property
+    def users(self) -> int:
+        """The number of states that use it."""
+        return int(self._record["homes"][0])
 
-    def add(self, number: int, amount: int) -> None:
-        """Count as a kernel does."""
-        self._counters[0, number] += amount
+    def is_current(self) -> bool:
+        """Whether the files that it was read from are what they were."""
+        return all(stamp == stamp_of(name) for name, stamp in self._files.items())
 
-    def clear(self, *numbers: int) -> None:
-        """Begin to count anew."""
-        self._counters[:, numbers or slice(None)] = 0
+    def join(self, home: int, content: int) -> None:
+        """Take in the home at an address, with the content of its model."""
+        for field, value in (
+            (native.CONTEXT_OF, self.address), (native.CONTENT, content), (native.REFUSED, 0)
+        ):  # fmt: skip
+            WORD.from_address(home + 8 * field).value = value
+        native.count_at.call(self.address, 1)
 
-    def refusal(self) -> int:
-        """Why a model was refused since this was asked, as `native.find_at` says it; 0 if none
-        was."""
-        why = -int(self._counters[:, native.REFUSED].max())
-        self._counters[:, native.REFUSED] = 0
-        return why
+    def adopt(self, home: int, content: int) -> None:
+        """The same with a home of another context."""
+        native.count_at.call(_word_at(home), -1)
+        self.join(home, content)
 
-    def push(self, model: mujoco.MjModel, data: mujoco.MjData, wrenches_out: Array) -> None:
-        """Buoyancy (H, 6) of all hulls about their geoms' places, by the sea's own gravity."""
-        native.push_at.call(self.address, model._address, data._address, wrenches_out.ctypes.data)
-
-    def act(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """What the callback does."""
-        native.act_at.call(self.address, model._address, data._address)
-
-    def write(self, model: mujoco.MjModel, data: mujoco.MjData, wrenches: Array) -> None:
-        """The same with wrenches that were computed elsewhere."""
-        native.write_at.call(self.address, model._address, data._address, wrenches.ctypes.data)
+    def push(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Buoyancy (H, 6) of all hulls about their geoms' places."""
+        wrenches = np.empty((len(self.floats), 6))
+        function = self._push or native.push_at.call
+        function(self.address, model._address, data._address, wrenches.ctypes.data)
+        return wrenches
 
     def drags(self, model: mujoco.MjModel, data: mujoco.MjData, wrenches: Array) -> Array:
         """Drag (B, 6) of all bodies, about their centres of mass, from the hulls' wrenches."""
-        found = np.zeros((self._bodies, 6))
-        if self._record["resist"][0]:
+        found = np.zeros((len(self.bodies), 6))
+        if self.has_resistance:
             native.drags(self.address, model._address, data._address, wrenches, found)
         return found
+
+
+def batches_of(floats: Sequence[FloatingGeom], threads: int) -> list[Batch]:
+    """The floats in batches, one for each class of methods and each sea."""
+    alike: dict[tuple[type, int], list[tuple[int, FloatingGeom]]] = {}
+    for i, f in enumerate(floats):
+        alike.setdefault((type(f.method), id(f.method.sea)), []).append((i, f))
+    return [
+        kind.batch([f.method for _, f in members], [Place(f.geom, i) for i, f in members], threads)
+        for (kind, _), members in alike.items()
+    ]
+
+
+@cache
+def _field_table() -> Table:
+    """FIELD rows of all that hulls and waves are made from."""
+    rows = [(start, 0, size, False) for start, size in option_spans()]
+    rows += [(*span, name in OF_MATRICES) for name, span in content_spans().items()]
+    return np.array(rows, native.FIELD)
+
+
+def blank() -> Table:
+    """A CONTEXT that knows MuJoCo's layout and which fields count, and nothing of a model."""
+    record = np.zeros(1, native.CONTEXT)
+    record["fields"], record["field_count"] = _field_table().ctypes.data, _field_table().size
+    for name, offset in offsets().items():
+        record["layout"][name] = offset
+    return record
+
+
+_blank = cache(blank)
+
+
+def content_of(model: int) -> int:
+    """A number for all that hulls and waves are made from in the model at an address."""
+    return native.content_at.call(int(_blank().ctypes.data), model)
+
+
+class Contexts:
+    """The contexts of the process."""
+
+    def __init__(self) -> None:
+        self.lock = RLock()
+        self._found: dict[tuple[object, ...], Context] = {}
+        self._replaced: list[Context] = []  # which some state still uses
+
+    def __iter__(self) -> Iterator[Context]:
+        return iter((*self._found.values(), *self._replaced))
+
+    def at(self, address: int) -> Context:
+        """The context at an address, which some state uses."""
+        return next(context for context in self if context.address == address)
+
+    def of(self, model: int, make: Callable[[], Context]) -> tuple[Context, int]:
+        """The context of the model at an address, made where there is none, and the number of the
+        model's content. Whoever calls holds the lock until the context has its user."""
+        content = content_of(model)
+        key = content, *METHODS.items()
+        context = self._found.get(key)
+        if context is None or not context.is_current():
+            made = make()
+            if context is not None:
+                del self._found[key]
+            self._replaced = [c for c in (*self._replaced, context) if c and c.users]
+            context = self._found[key] = made
+            unused = [k for k, found in self._found.items() if not found.users]
+            for old in unused[:-UNUSED]:
+                del self._found[old]
+        return context, content
+
+
+def _array_at(address: int, shape: tuple[int, ...]) -> Array:
+    count = int(np.prod(shape))
+    return np.frombuffer((ctypes.c_double * count).from_address(address)).reshape(shape)
+
+
+def _word_at(address: int) -> int:
+    return WORD.from_address(address).value
 
 
 def _float_tables(
@@ -138,13 +246,14 @@ def _float_tables(
 ) -> tuple[Table, Table, Table]:
     """FLOAT and BODY rows, body by body, and the DOFs of those with drag or added mass."""
     resisted = np.cumsum([f.drag is not None for f in floats]) - 1
+    memories = np.cumsum(model.body_weldid != 0) - 1
     rows, bodies, dofs = [], [], []
     for body in sorted({f.body for f in floats}):
         own = [i for i, f in enumerate(floats) if f.body == body]
         is_resisted = any(floats[i].drag for i in own)
         chain = moving_dofs(model, body) if is_resisted else []
         ends = len(rows), len(rows) + len(own), len(dofs), len(dofs) + len(chain)
-        bodies.append((body, model.body_rootid[body], *ends))
+        bodies.append((body, model.body_rootid[body], memories[body], *ends))
         dofs += chain
         rows += [(floats[i].geom, i, resisted[i] if floats[i].drag else -1) for i in own]
     return np.array(rows, native.FLOAT), np.array(bodies, native.BODY), np.array(dofs, native.DOF)
@@ -160,6 +269,18 @@ def _hull_table(floats: Sequence[FloatingGeom]) -> Table:
     return np.array([hull_row(i, *drag) for i, drag in enumerate(drags)], HULL)
 
 
+def _picture_table(what: Floating) -> Table:
+    row = np.zeros(1, PICTURE)
+    if what.is_drawn:
+        row["length"] = max(float(np.ptp(f.method.hull.bounds, axis=0).max()) for f in what.floats)
+    row["init_geom"] = function_address(mujoco_library(), "mjv_initGeom")
+    row["triangle"] = int(mujoco.mjtGeom.mjGEOM_TRIANGLE)
+    row["decoration"] = int(mujoco.mjtCatBit.mjCAT_DECOR)
+    for name, offset in picture_offsets().items():
+        row[name] = offset
+    return row
+
+
 def _part_table(parts: Sequence[NativePart]) -> Table:
     rows = [
         (p.kernel, p.block.ctypes.data, p.block.size, p.places.ctypes.data, len(p.places),
@@ -167,58 +288,3 @@ def _part_table(parts: Sequence[NativePart]) -> Table:
         for p in parts
     ]  # fmt: skip
     return np.array(rows, native.PART)
-
-
-def probes_of(
-    model: mujoco.MjModel, floats: Sequence[FloatingGeom]
-) -> tuple[Table, NDArray[np.uint8]]:
-    """PROBE rows of a model as it is, and the bytes that they find."""
-    places, rows, expected = offsets(), [], []
-    for name, start, count in _joined(_probed(model, floats)):
-        if name == "structure":
-            pointer, content = -1, ctypes.string_at(model._address, count)
-        else:
-            field = getattr(model, name)
-            raw = field if isinstance(field, bytes) else np.ascontiguousarray(field).tobytes()
-            pointer, content = places[name], raw[start : start + count]
-        rows.append((pointer, start, count, native.FIELDS.index(name)))
-        expected.append(np.frombuffer(content, np.uint8))
-    return np.array(rows, native.PROBE), np.concatenate(expected)
-
-
-def _joined(pieces: Iterable[tuple[str, int, int]]) -> list[tuple[str, int, int]]:
-    """Pieces of fields, those that adjoin as one."""
-    joined: list[tuple[str, int, int]] = []
-    for name, start, count in sorted(set(pieces), key=lambda p: (native.FIELDS.index(p[0]), p[1])):
-        if joined and joined[-1][0] == name and sum(joined[-1][1:]) == start:
-            joined[-1] = name, joined[-1][1], joined[-1][2] + count
-        else:
-            joined.append((name, start, count))
-    return joined
-
-
-def _probed(
-    model: mujoco.MjModel, floats: Sequence[FloatingGeom]
-) -> Iterator[tuple[str, int, int]]:
-    """Field, first byte and number of bytes of what a context depends on."""
-    yield "structure", 0, offsets()["narena"]
-    for f in floats:
-        for geom in f.geoms:
-            yield "geom_size", 24 * geom, 24
-            yield "geom_dataid", 4 * geom, 4
-        for geom in f.united:
-            yield "geom_pos", 24 * geom, 24
-            yield "geom_quat", 32 * geom, 32
-    meshes = {int(model.geom_dataid[geom]) for f in floats for geom in f.geoms} - {-1}
-    for mesh in sorted(meshes):
-        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        for vertex in np.unique(np.linspace(0, count - 1, PROBED_VERTICES).astype(int)):
-            yield "mesh_vert", 12 * (first + int(vertex)), 12
-    kinds = mujoco.mjtObj
-    for prefix in prefixes(model):
-        for i, _ in elements_of(model, kinds.mjOBJ_NUMERIC, prefix):
-            yield "numeric_data", 8 * int(model.numeric_adr[i]), 8 * int(model.numeric_size[i])
-        for i, _ in elements_of(model, kinds.mjOBJ_TEXT, prefix):
-            yield "text_data", int(model.text_adr[i]), int(model.text_size[i])
-        for i, _ in elements_of(model, kinds.mjOBJ_TUPLE, prefix):
-            yield "tuple_objid", 4 * int(model.tuple_adr[i]), 4 * int(model.tuple_size[i])

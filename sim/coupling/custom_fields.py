@@ -18,6 +18,7 @@
     text    sea_record                a CSV file of time s and elevation m at a place
     numeric sea_record                its heading deg, shortest and longest period s (1 60), place x
                                       and y m (0 0)
+    numeric water_drawn               0: MuJoCo's own pictures show no water      (1)
     text    water_pressure            froude-krylov or hydrostatic     (see sim/water/head)
     text    buoyancy_method           how wrenches are computed        (see sim.methods)
     text    buoyancy_method_<geom>    the same for one geom
@@ -151,12 +152,22 @@ def numerics_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str,
     return found
 
 
+def known_numerics() -> str:
+    """The names that our numerics may have."""
+    names = [base + "[_<geom>]" * kind.per_geom for base, kind in NUMERICS.items()]
+    return f"{', '.join(names)} or wave_<name>"
+
+
+def known_texts() -> str:
+    """The names that our texts may have."""
+    return f"{', '.join(TEXTS)} or {METHOD}_<geom>"
+
+
 def check_numeric(name: str, values: Array) -> None:
     """Raises ValueError for a name that is unknown and for numbers that cannot be."""
     kind = numeric_kind(name)
     if kind is None:
-        known = [b + "[_<geom>]" * k.per_geom for b, k in NUMERICS.items()]
-        refuse_unknown("numeric", name, f"{', '.join(known)} or wave_<name>")
+        refuse_unknown("numeric", name, known_numerics())
     try:
         kind.check_count(values.size)
     except ValueError as error:
@@ -173,7 +184,7 @@ def texts_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str, st
     for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_TEXT, prefix):
         with faults.collected():
             if not is_text(name):
-                refuse_unknown("text", name, f"{', '.join(TEXTS)} or {METHOD}_<geom>")
+                refuse_unknown("text", name, known_texts())
             start = model.text_adr[i]
             raw = bytes(model.text_data[start : start + model.text_size[i]])
             found[name] = raw.split(b"\0")[0].decode().strip()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling.scene import Scene
+from sim.coupling.seam import reading
 from sim.geometry import areas, cone_centroid, cone_moments, cone_volumes, inertia_of
 
 Array = NDArray[np.float64]
@@ -105,7 +106,8 @@ def _too_long_a_timestep(scene: Scene, body: int) -> str:
 
 def _overlap(scene: Scene, start: Array, body: int) -> str:
     model = scene.model
-    data = mujoco.MjData(model)
+    with reading():  # also of a model that would be refused by now
+        data = mujoco.MjData(model)
     data.qpos[:] = start
     mujoco.mj_fwdPosition(model, data)
     for contact in data.contact:

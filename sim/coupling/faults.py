@@ -1,9 +1,14 @@
 """Faults and notes: what a model cannot have, all of it at once, and what is worth knowing."""
 
 import re
+import sys
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+
+PACKAGE = str(Path(__file__).parents[1])
+"""Where the files of this package are."""
 
 NAMES_AND_NUMBERS = re.compile(r"'[^']*'|[-+.\d]+(e[-+]?\d+)?")
 """What notes of one kind differ in."""
@@ -52,10 +57,19 @@ class Faults:
 
 
 def say(notes: Iterable[str]) -> None:
-    """Warn of each as a Note; of those that differ in names and numbers alone, of the first."""
+    """Warn of each as a Note; of those that differ in names and numbers alone, of the first. The
+    warning points at the line outside this package that asked."""
     alike: dict[str, list[str]] = {}
     for note in dict.fromkeys(notes):
         alike.setdefault(NAMES_AND_NUMBERS.sub("", note), []).append(note)
     for first, *others in alike.values():
         more = f" ({len(others)} more like this)" if others else ""
-        warnings.warn(first + more, Note, stacklevel=4)
+        warnings.warn(first + more, Note, stacklevel=_distance_of_caller())
+
+
+def _distance_of_caller() -> int:
+    """The `stacklevel` of the first frame outside this package, for the function that asks."""
+    frame, distance = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
+        frame, distance = frame.f_back, distance + 1
+    return distance

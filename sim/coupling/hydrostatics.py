@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sim.coupling.buoyancy import Buoyancy
 from sim.coupling.floats import FloatingGeom, body_label
+from sim.coupling.seam import reading
 from sim.geometry import moved_matrix
 from sim.statics.equilibrium import Attitude, RigidFloat, rest
 from sim.statics.stability import righting_arms, vanishing_angle
@@ -141,7 +142,8 @@ class Tree:
 def trees(scene: Afloat) -> Iterator[Tree]:
     """The floating Trees of a scene as they stand."""
     model, sea = scene.model, scene.buoyancy.sea
-    data = mujoco.MjData(model)
+    with reading():  # no water is asked of it
+        data = mujoco.MjData(model)
     data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = (
         scene.data.qpos, scene.data.mocap_pos, scene.data.mocap_quat,
     )  # fmt: skip

@@ -6,25 +6,40 @@ held against a model and a state whose arrays are known before anything relies o
 
 import ctypes
 from functools import cache
+from typing import NamedTuple
 
 import mujoco
+import numpy as np
 from mujoco.introspect import ast_nodes, structs
 
 from sim.kernels import record
 
-OPTIONS = ("timestep", "gravity")
+OPTIONS = ("timestep", "disableflags")
 MODEL = (
-    "narena", "signature", "M_rownnz", "M_rowadr", "body_inertia", "geom_size", "geom_dataid",
-    "geom_pos", "geom_quat", "mesh_vert", "numeric_data", "text_data", "tuple_objid",
+    "nbody", "nnumeric", "nplugin", "M_rownnz", "M_rowadr", "body_inertia", "body_weldid",
+    "numeric_size", "plugin", "plugin_stateadr", "nsensor", "sensor_plugin", "sensor_objid",
+    "sensor_adr", "sensor_objtype",
 )  # fmt: skip
 DATA = (
     "time", "qvel", "xfrc_applied", "xipos", "ximat", "geom_xpos", "geom_xmat", "subtree_com",
-    "cvel", "cdof", "cdof_dot", "M",
+    "cvel", "cdof", "cdof_dot", "M", "plugin_data", "plugin_state", "site_xpos", "sensordata",
 )  # fmt: skip
-"""The fields that kernels read, of mjOption, mjModel and mjData."""
+"""The fields that are read by their places, of mjOption, mjModel and mjData."""
 
 LAYOUT = record(**{name: "i8" for name in OPTIONS + MODEL + DATA})
 """The offsets in bytes; those of options count from where the model begins."""
+
+CONTENT = (
+    "names", "body_parentid", "body_rootid", "body_weldid", "body_mocapid", "body_jntnum",
+    "body_dofnum", "body_geomnum", "body_simple", "jnt_type", "jnt_bodyid", "geom_type",
+    "geom_contype", "geom_conaffinity", "geom_bodyid", "geom_dataid", "geom_size", "geom_pos",
+    "geom_quat", "mesh_vertnum", "mesh_facenum", "mesh_vert", "mesh_face", "numeric_size",
+    "numeric_data", "text_size", "text_data", "tuple_size", "tuple_objtype", "tuple_objid",
+)  # fmt: skip
+"""What hulls, waves and settings are made from, besides the options."""
+
+OF_MATRICES = ("body_mass", "body_ipos", "body_iquat", "jnt_axis")
+"""What added mass and damping depend on besides, where they are given as matrices."""
 
 SIZES = {
     "int": 4, "float": 4, "char": 1, "mjtNum": 8, "mjtByte": 1, "mjtBool": 1, "mjtSize": 8,
@@ -35,26 +50,78 @@ SIZES = {
 
 PROBE = """
 <mujoco>
+  <extension>
+    <plugin plugin="waterline"><instance name="w"/></plugin><plugin plugin="waterline.gauge"/>
+  </extension>
   <custom>
-    <numeric name="n" data="1"/><text name="t" data="t"/>
+    <numeric name="n" data="1"/><numeric name="m" data="1 2 3"/>
+    <numeric name="l" data="1"/><text name="t" data="t"/>
     <tuple name="u"><element objtype="geom" objname="g" prm="0"/></tuple>
   </custom>
   <asset><mesh name="m" vertex="0 0 0  1 0 0  0 1 0  0 0 1"/></asset>
-  <worldbody><body><freejoint/><geom name="g" type="mesh" mesh="m"/></body></worldbody>
+  <worldbody>
+    <body><freejoint/><geom name="g" type="mesh" mesh="m"/><site name="s"/></body>
+  </worldbody>
+  <sensor>
+    <plugin plugin="waterline.gauge" objtype="site" objname="s"/>
+    <plugin plugin="waterline.gauge" objtype="site" objname="s"/>
+  </sensor>
 </mujoco>"""
 """A model in which no field that we read is empty."""
 
 
+class Span(NamedTuple):
+    """An array of a model: the offsets of its pointer and of the number of its rows, and the bytes
+    of a row."""
+
+    pointer: int
+    counter: int
+    row_size: int
+
+
+@cache
 def offsets() -> dict[str, int]:
     """The offset of each of our fields, whose places are as declared. Raises RuntimeError where
     they are not."""
     found = _declared()
-    wrong = [name for name in found if not _is_there(name, found[name])]
+    content = [(name, span.pointer) for name, span in content_spans().items()]
+    wrong = [name for name, place in (*found.items(), *content) if not _is_there(name, place)]
     if wrong:
         raise RuntimeError(
             f"MuJoCo {mujoco.__version__} keeps {', '.join(wrong)} elsewhere than it declares"
         )
     return found
+
+
+def declared(name: str) -> int:
+    """The offset of one of our fields as MuJoCo declares it: before a model can be compiled."""
+    return _declared()[name]
+
+
+@cache
+def content_spans() -> dict[str, Span]:
+    """The arrays CONTENT and OF_MATRICES of a model by their names."""
+    places = _fields("mjModel")
+    kinds = {field.name: field for field in structs.STRUCTS["mjModel"].fields}
+    found = {}
+    for name in CONTENT + OF_MATRICES:
+        counter, *extents = kinds[name].array_extent
+        size, _ = _extent(kinds[name].type.inner_type)
+        found[name] = Span(places[name], places[counter], size * int(np.prod(extents)))
+    return found
+
+
+@cache
+def option_spans() -> list[tuple[int, int]]:
+    """The first byte and the number of bytes of what of a model's options hulls and waves depend
+    on: all but the timestep and `disableflags`, which stands for itself."""
+    places, last = _fields("mjOption"), structs.STRUCTS["mjOption"].fields[-1]
+    start, end = _fields("mjModel")["opt"], places[last.name] + _extent(last.type)[0]
+    flags = places["disableflags"]
+    return [
+        (start + first, end - first)
+        for first, end in ((places["impratio"], flags), (flags + 4, end))
+    ]
 
 
 @cache
@@ -66,6 +133,42 @@ def _declared() -> dict[str, int]:
         | {name: model[name] for name in MODEL}
         | {name: data[name] for name in DATA}
     )
+
+
+def take_over(model: mujoco.MjModel, source: int) -> None:
+    """Give a model all numbers of one of the same structure at an address, whose arrays may lie
+    anywhere: a world of a `mujoco.batch` has some of its own, and cannot be copied."""
+    places, here = _fields("mjModel"), model._address
+    options = _extent(ast_nodes.ValueType("mjOption"))[0]
+    ctypes.memmove(here + places["opt"], source + places["opt"], options)
+    for field in structs.STRUCTS["mjModel"].fields:
+        found = getattr(model, field.name, None)
+        if field.array_extent is None or found is None:
+            continue
+        size = len(found) if isinstance(found, bytes) else found.nbytes
+        to, start = (
+            ctypes.c_int64.from_address(each + places[field.name]).value for each in (here, source)
+        )
+        if size and isinstance(field.type, ast_nodes.PointerType):
+            ctypes.memmove(to, start, size)
+
+
+def picture_offsets() -> dict[str, int]:
+    """Offsets in mjvScene and mjvGeom of what drawing reads and sets, by the names of
+    `picture.PICTURE`."""
+    scene, geom = _fields("mjvScene"), _fields("mjvGeom")
+    kind = ast_nodes.ValueType("mjvGeom")
+    return {
+        "most": scene["maxgeom"],
+        "count": scene["ngeom"],
+        "geoms": scene["geoms"],
+        "geom_size": _extent(kind)[0],
+        "category": geom["category"],
+        "emission": geom["emission"],
+        "specular": geom["specular"],
+        "shininess": geom["shininess"],
+        "shadow": geom["castshadow"],
+    }
 
 
 def _fields(struct: str) -> dict[str, int]:
@@ -103,7 +206,7 @@ def _extent(kind: object) -> tuple[int, int]:
 @cache
 def _example() -> tuple[mujoco.MjModel, mujoco.MjData]:
     model = mujoco.MjModel.from_xml_string(PROBE)
-    model.opt.timestep, model.opt.gravity[:] = 0.0123, (0.25, 0.5, -7.75)
+    model.opt.timestep, model.opt.disableflags = 0.0123, 1
     data = mujoco.MjData(model)
     data.time = 1234.5
     return model, data
@@ -113,14 +216,12 @@ def _is_there(name: str, offset: int) -> bool:
     """Whether a field of the example is where it should be."""
     model, data = _example()
     owner = data if name in DATA else model
-    place = (data if name in DATA else model)._address + offset
+    place = owner._address + offset
     value = getattr(model.opt if name in OPTIONS else owner, name)
-    if name == "gravity":
-        return ctypes.string_at(place, 24) == value.tobytes()
-    if name in ("signature", "narena"):
-        return ctypes.c_uint64.from_address(place).value == value % 2**64
     if isinstance(value, float):
         return ctypes.c_double.from_address(place).value == value
+    if isinstance(value, int):
+        return ctypes.c_int32.from_address(place).value == value
     if isinstance(value, bytes):
         return ctypes.string_at(ctypes.c_int64.from_address(place).value, len(value)) == value
     return ctypes.c_int64.from_address(place).value == value.ctypes.data

@@ -5,8 +5,9 @@ the top of `custom_fields`. Everything else (mass, inertia, joints, initial keyf
 MuJoCo's own business.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
@@ -14,16 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling.checks import check_physics, check_solver
-from sim.coupling.custom_fields import METHOD, check_geoms, numerics_of, of_geom, prefixes, texts_of
+from sim.coupling.custom_fields import (
+    COMPONENTS,
+    METHOD,
+    RECORD,
+    check_geoms,
+    numerics_of,
+    of_geom,
+    prefixes,
+    texts_of,
+)
 from sim.coupling.drag_fields import DragFields
 from sim.coupling.faults import Faults, say
 from sim.coupling.floats import FloatingGeom, Listed, first_state, listed_geoms
-from sim.coupling.notes import notes_about, notes_about_sizes
-from sim.coupling.numbers import NUMERICS
-from sim.coupling.overlaps import Shape, notes_of_overlaps, united_shapes
+from sim.coupling.notes import notes_about_sizes
+from sim.coupling.overlaps import Shape, united_shapes
 from sim.coupling.primitives import geom_hull
 from sim.coupling.sea_fields import sea_of
-from sim.coupling.settings import Overrulings, overrule
 from sim.hull import Hull
 from sim.methods import Method, Settings, make_method
 from sim.water.sea import Sea
@@ -33,13 +41,20 @@ Numerics = dict[str, NDArray[np.float64]]
 DEFAULT_METHOD = "patches"
 
 
+Stamp = tuple[str, int, int] | None
+
+
 class Floating(NamedTuple):
-    """What a model says: the sea, the geoms that float in it, and the number of threads that it
-    asks for, as it stands there."""
+    """What a model says: the sea, the geoms that float in it, the number of threads that it asks
+    for, whether MuJoCo's pictures show the water, what there is to note about hulls and waves, and
+    the files that were read besides, by their names, as they were then."""
 
     sea: Sea
     floats: tuple[FloatingGeom, ...]
-    threads: float
+    threads: int
+    is_drawn: bool
+    notes: tuple[str, ...]
+    files: Mapping[str, Stamp]
 
 
 @dataclass(frozen=True)
@@ -52,55 +67,63 @@ class Part:
     listed: list[Listed]
 
 
-def read_model(model: mujoco.MjModel, overrulings: Overrulings) -> Floating:
-    """The sea and the floating geoms of a compiled model, but for what is overruled.
+def stamp_of(name: str) -> Stamp:
+    """By what a file of a name is known again: where it is, when it was written, and its size; None
+    where there is none."""
+    path = Path(name).absolute()
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return str(path), found.st_mtime_ns, found.st_size
 
-    Raises ModelError, with all that is wrong, each with the element at fault and the remedy; warns
-    by a Note of what is likely not meant.
+
+def read_model(model: mujoco.MjModel) -> Floating:
+    """The sea and the floating geoms of a compiled model.
+
+    Raises ModelError, with all that is wrong, each with the element at fault and the remedy; then
+    warns by a Note of what is likely not meant, which may tell why.
     """
-    faults, notes, start = Faults(), [], None
+    faults, notes = Faults(), []
     check_physics(model, faults)
     with faults.collected():
-        start = first_state(model, overrulings.keyframe)
-    parts = list(_parts(model, overrulings.settings, faults))
-    says = [(p.prefix, p.numerics, p.texts) for p in parts]
-    sea = sea_of(model, says, overrulings.pressure, overrulings.folder, faults)
-    method = overrulings.method
-    shapes = [shape for part in parts for shape in _shapes(model, part, method, faults, notes)]
+        first_state(model)
+    parts = list(_parts(model, faults))
+    files = {
+        name: stamp_of(name)
+        for part in parts
+        for name in (part.texts.get(kind) for kind in (COMPONENTS, RECORD))
+        if name is not None
+    }
+    sea = sea_of(model, [(p.prefix, p.numerics, p.texts) for p in parts], faults)
+    shapes = [shape for part in parts for shape in _shapes(model, part, faults, notes)]
     if all(part.numerics.get("buoyancy_union", [1.0])[0] for part in parts):
         shapes, counted = united_shapes(model, shapes)
         notes += counted
-    if start is not None:
-        notes += notes_of_overlaps(start, shapes)
     floats = []
     if sea is not None:
-        made_settings = {}
-        for part in parts:
-            with faults.collected():
-                made_settings[part.prefix] = _read_settings(part.numerics, overrulings.tolerance)
-        floats = list(_floats(model, sea, shapes, made_settings, faults))
+        settings = {part.prefix: _read_settings(part.numerics) for part in parts}
+        floats = list(_floats(model, sea, shapes, settings, faults))
         if any(f.drag for f in floats):
             with faults.collected():
                 check_solver(model)
         notes += notes_about_sizes(sea, [(shape.name, shape.hull) for shape in shapes])
+        notes += [f"geom '{f.name}': {note}" for f in floats for note in f.method.notes]
     if faults.found:
-        say(notes)  # which may tell why
+        say(notes)
     faults.refuse()
-    say([*notes, *notes_about(model, start, sea, floats)])
     threads = next(
         (p.numerics["buoyancy_threads"] for p in parts if "buoyancy_threads" in p.numerics), [1.0]
     )
-    return Floating(sea, tuple(floats), float(threads[0]))
+    is_drawn = all(part.numerics.get("water_drawn", [1.0])[0] for part in parts)
+    return Floating(sea, tuple(floats), int(threads[0]), is_drawn, tuple(notes), files)
 
 
-def _parts(model: mujoco.MjModel, settings: Iterable[str], faults: Faults) -> Iterator[Part]:
-    """The model itself, with what overrules its fields, and what was attached to it with a tuple of
-    its own."""
+def _parts(model: mujoco.MjModel, faults: Faults) -> Iterator[Part]:
+    """The model itself, and what was attached to it with a tuple of its own."""
     parts = []
     for prefix in prefixes(model):
         numerics, texts = numerics_of(model, prefix, faults), texts_of(model, prefix, faults)
-        if not prefix:
-            overrule(settings, numerics, texts, faults)
         part = Part(prefix, numerics, texts, listed_geoms(model, prefix, faults))
         if part.listed or prefix or numerics or texts:
             parts.append(part)
@@ -113,9 +136,7 @@ def _parts(model: mujoco.MjModel, settings: Iterable[str], faults: Faults) -> It
     yield from parts
 
 
-def _shapes(
-    model: mujoco.MjModel, part: Part, method: str | None, faults: Faults, notes: list[str]
-) -> Iterator[Shape]:
+def _shapes(model: mujoco.MjModel, part: Part, faults: Faults, notes: list[str]) -> Iterator[Shape]:
     """The hulls of a part's geoms with what its fields say of them."""
     names = [listed.names for listed in part.listed]
     if names:
@@ -129,7 +150,7 @@ def _shapes(
                 made[like], found = geom_hull(model, geom)
                 notes += found
             hull = made[like]
-            source, text = _method_of(own, part.texts, method)
+            source, text = _method_of(own, part.texts)
             drag = DragFields.of(own, part.numerics)
             yield Shape(
                 (geom,),
@@ -143,13 +164,9 @@ def _shapes(
             )
 
 
-def _method_of(
-    names: Sequence[str], texts: Mapping[str, str], overruling: str | None
-) -> tuple[str, str]:
-    """Who says which method a geom has, and what: the caller, else the geom's own text, else the
-    scene's, else the default."""
-    if overruling is not None:
-        return "the method asked for", overruling
+def _method_of(names: Sequence[str], texts: Mapping[str, str]) -> tuple[str, str]:
+    """Who says which method a geom has, and what: the geom's own text, else the scene's, else the
+    default."""
     name = of_geom(METHOD, names, texts)
     if name in texts:
         return f"custom text '{name}'", texts[name]
@@ -161,13 +178,10 @@ def _displaced(names: Sequence[str], numerics: Numerics) -> float:
     return float(numerics.get(of_geom("displaced", names, numerics), [1.0])[0])
 
 
-def _read_settings(numerics: Numerics, tolerance: float | None) -> Settings:
-    if tolerance is not None:
-        NUMERICS["buoyancy_tolerance"].check([tolerance])
-    elif "buoyancy_tolerance" in numerics:
-        tolerance = float(numerics["buoyancy_tolerance"][0])
+def _read_settings(numerics: Numerics) -> Settings:
+    tolerance = numerics.get("buoyancy_tolerance", [None])[0]
     samples = int(numerics.get("chord_samples", [Settings.chord_samples])[0])
-    return Settings(tolerance=tolerance, chord_samples=samples)
+    return Settings(None if tolerance is None else float(tolerance), samples)
 
 
 def _floats(
@@ -185,8 +199,6 @@ def _floats(
             seas[shape.displaced] = replace(sea, density=shape.displaced * sea.density)
     for shape, afloat in zip(shapes, _shares_afloat(model, shapes, sea), strict=True):
         with faults.collected():
-            if shape.prefix not in settings:
-                continue
             hull, geom = shape.hull, shape.geoms[0]
             same = (
                 shape.method,

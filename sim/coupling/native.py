@@ -1,16 +1,9 @@
-"""Native: the passive callback as C functions that MuJoCo calls without the interpreter.
+"""Native: what the plugin does in a step, as C functions that MuJoCo calls without the interpreter.
 
-Everything that a call needs of a Buoyancy is a *context*, a record with addresses of tables that
-nothing changes afterwards; what a call works with is its own. So any number of threads, states,
-copies and batches may use a context at once. What a user may change in a model after compiling
-it is read from the model at each call:
-
-- poses, through MuJoCo's kinematics: geom_pos, geom_quat, body_ipos, body_iquat
-- mass, inertia, timestep
-- the strength of gravity: waves keep their lengths and follow it in time, and it scales all
-  pressures; a sea under another gravity is the same sea in another measure of time
-
-and what hulls and waves were made from is held against the model at each call (see `FIELDS`).
+All that a call needs of a model is a *context*, a record with addresses of tables that nothing
+changes afterwards. All that a call keeps of a state is its *home*, a record that belongs to one
+MjData. So any number of threads, states, copies and batches may use a context at once. What a user
+may change in a compiled model is read from the model at each call: mass, inertia, frames, timestep.
 """
 
 from typing import NamedTuple
@@ -19,19 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.addresses import (
-    ask,
     atomic_add,
-    atomic_claim,
     bits_of,
     bytes_at,
     call,
     call_kernel,
     float_at,
     floats_at,
+    integer_at,
     integers_at,
     named_word,
     nanoseconds,
     records_at,
+    store_word,
     word_at,
     words_at,
 )
@@ -45,27 +38,44 @@ from sim.water.gerstner import WATER, WAVE
 
 Array = NDArray[np.float64]
 
-FIELDS = (
-    "structure", "geom_size", "geom_dataid", "geom_pos", "geom_quat", "mesh_vert", "numeric_data",
-    "text_data", "tuple_objid",
-)  # fmt: skip
-"""What hulls, waves and settings are made from: a model in which one of these changed is refused.
-The structure is all sizes that a model has; places and rotations only those of geoms whose hulls
-are one."""
-
 CONTEXT = record(
-    model="i8", signature="i8", bodies="i8", geoms="i8", freedoms="i8", matrix="i8", hulls="i8",
-    own="i8", block="i8", block_size="i8", act="i8", resist="i8", make_inertia="i8",
-    factor_inertia="i8", clock="i8", clock_number="i8", counters="i8", states="i8", marks="i8",
-    gravity="f8", layout=LAYOUT,
+    bodies="i8", geoms="i8", freedoms="i8", matrix="i8", hulls="i8", own="i8", block="i8",
+    block_size="i8", push="i8", act="i8", resist="i8", make_inertia="i8", factor_inertia="i8",
+    release="i8", clock="i8", clock_number="i8", homes="i8", fields="i8", field_count="i8",
+    layout=LAYOUT,
 )  # fmt: skip
-"""What a call needs: the model's address, signature and sizes (bodies, geoms, degrees of freedom,
-entries of M) and the number of hulls; where itself and its block of tables (FLOAT, BODY, DOF, HULL,
-SURFACE, WAVE, WATER, PROBE, bytes, PART) are; functions of ours and of MuJoCo, the C library's
-clock, counters, the states that were here, marks of rows that were written; the gravity [m/s^2]
-that the sea was made for."""
+"""What a call needs of a model: its sizes (bodies, geoms, degrees of freedom, entries of M) and the
+number of hulls; the addresses of the record itself and of its block of tables (FLOAT, BODY, DOF,
+HULL, SURFACE, WAVE, WATER, PART, PICTURE); the functions that compute the hulls' wrenches, act in a
+step, add resistance, make and factorise M, and free memory; the C library's clock; the number of
+homes that use the context; the table of FIELD rows; MuJoCo's layout."""
 
 CONTEXT_SIZE = CONTEXT.itemsize
+
+HOME = record(
+    context="i8", content="i8", memories="i8", refused="i8", calls="i8", nanoseconds="i8",
+    data="i8", states="i8",
+)  # fmt: skip
+"""What belongs to one MjData: the address of its context, the content of the model that the context
+was made from, the number of MEMORY rows behind this record, whether the model was refused at the
+last reset, the number of calls and the time [ns] that they took; and by which it is known, the
+addresses of the MjData and of the plugin's states in it. Those states are as many MEMORY rows, and
+the content behind them."""
+
+CONTEXT_OF, CONTENT, MEMORIES, REFUSED, CALLS, NANOSECONDS, DATA, OWN_STATES = range(8)
+"""Numbers of HOME."""
+
+SLAB, MOST_SLABS = 1024, 4096
+"""Homes of a slab, and slabs (see `homes`)."""
+
+USERS = CONTEXT.fields["homes"][1]
+"""Where a context counts its homes."""
+
+HOME_SIZE = HOME.itemsize
+
+MEMORY = 12
+"""Numbers that are remembered of a body's row of xfrc_applied: the 6 that were left there, and the
+6 of them that are the user's push."""
 
 PART = record(kernel="i8", block="i8", block_size="i8", places="i8", count="i8", size="i8")
 """Hulls of a method: its kernel, its block, and their places, with the size of one."""
@@ -74,48 +84,40 @@ FLOAT = record(geom="i8", hull="i8", resisted="i8")
 """A hull: its geom, its row among the wrenches, and its HULL, -1 where there is none. Those of a
 body follow one another."""
 
-BODY = record(body="i8", root="i8", first="i8", end="i8", first_dof="i8", end_dof="i8")
-"""A body's row, that of the point to which its velocity refers, its FLOATs, and the degrees of
-freedom (DOF) that move it, in ascending order; these only where something resists."""
+BODY = record(
+    body="i8", root="i8", memory="i8", first="i8", end="i8", first_dof="i8", end_dof="i8"
+)  # fmt: skip
+"""A body's row, that of the point to which its velocity refers, its MEMORY row, its FLOATs, and the
+degrees of freedom (DOF) that move it, in ascending order; these only where something resists."""
 
 DOF = record(index="i8")
 
-PROBE = record(pointer="i8", start="i8", count="i8", field="i8")
-"""Bytes of a model that must be what they were: count of them, from `start` in the array of a
-pointer (-1: in the model itself); which of FIELDS they belong to."""
+FIELD = record(pointer="i8", counter="i8", size="i8", optional="i8")
+"""An array of a model that hulls and waves are made from: the offset of its pointer and of the
+number of its rows, the size of a row, and whether it matters only where some numeric has a matrix's
+size. A counter of 0 stands for one row that lies in the model itself."""
 
-SHARDS = 64
-"""Counters are kept that often, so that threads do not wait for one another's."""
+FIELD_SIZE = FIELD.itemsize
 
-CALLS, NANOSECONDS, SEEN, STRANGERS, OVERWRITTEN, REFUSED = range(6)
-"""Numbers of a counter: calls and the time they took; states seen and left to a later block; models
-of the same structure that are no copies; states with forces of somebody else in our rows; minus
-what `find_context` answered where a model was refused."""
+SEAM = np.zeros(9, dtype=np.int64)
+"""Where MuJoCo keeps what belongs to plugins, as offsets: in a state the plugins' words and their
+states, in a model where a plugin's states begin, the number of instances, and of each the number of
+its plugin. The number of ours; the address of the slabs' addresses; and the functions of Python's
+that find a home which is not where it should be, and renew one."""
 
-COUNTERS = 8  # numbers a shard: a cache line
+WORDS, STATES, STATE_STARTS, INSTANCES, SLOTS, SLOT, SLABS, FIND, RENEW = range(9)
 
-STATES, WAYS = 1024, 8
-"""States that a context keeps apart, and how many of them may share a place."""
+seam = named_word("waterline_seam", SEAM.ctypes.data)
 
-MARKS = 4096
-"""Marks of rows that were written last, of the whole process."""
 
-NOBODY, AMBIGUOUS, TILTED = -1, -2, -3
-"""What `find_context` answers when there is no context: none for this model, several, or a gravity
-that is not along -z; below these a number of FIELDS that changed: CHANGED - number."""
+CONTACTS = 1 << 4
+"""mjDSBL_CONTACT, which MuJoCo's compiler sets for its own test step."""
 
-CHANGED = -4
+WHOLE = (1 << 52) - 1
+"""Bits of the whole numbers that doubles hold."""
 
-IN_USE = np.zeros((SHARDS, COUNTERS), dtype=np.int64)
-"""Calls under way, for those who take away what these may be reading."""
-
-CELL = np.zeros(4, dtype=np.int64)
-"""Addresses: of the list of contexts (their number, then theirs), of the C function that was the
-callback before, of `IN_USE`, and of REFUSAL."""
-
-CONTEXTS, PREVIOUS, USE, REFUSING = range(4)
-
-cell = named_word("waterline_cell", CELL.ctypes.data)
+MATRIX_SIZES = (6, 36)
+"""Sizes of numerics that may be added mass or damping, which depend on masses and frames."""
 
 
 class Tables(NamedTuple):
@@ -153,82 +155,61 @@ def model_array(model, offset):
     return word_at(model + offset)
 
 
-@inline
-def place_of(address):
-    """A number for an address that spreads."""
-    return ((address >> 6) * 2654435761) >> 8
+# What hulls and waves are made from
 
 
 @inline
-def count(context, data, number, amount):
-    """Add to one of the context's counters."""
-    shard = place_of(data) % SHARDS
-    atomic_add(context.counters + 8 * (COUNTERS * shard + number), amount)
-
-
-@inline
-def rate_of(context, model):
-    """How much faster waves run than under the gravity that the sea was made for: 1 under that."""
-    gravity = -float_at(model + context.layout.gravity + 16)
-    return 1.0 if gravity == context.gravity else np.sqrt(gravity / context.gravity)
-
-
-# Who is at home: the context of a model
+def mixed(sum_, word):
+    """A sum of words with one more, so that each bit of it may change each bit of the sum."""
+    sum_ = (sum_ ^ word) * 0x2545F4914F6CDD1D
+    return sum_ ^ (sum_ >> 29)
 
 
 @kernel
-def differs(context, model):
-    """Why a model is none that this context is made from: 0, TILTED, or CHANGED - a field's
-    number."""
-    block = block_of(context)
-    probes, expected = table(block, 7, PROBE), table(block, 8, np.uint8)
-    at = 0
-    for p in range(probes.size):
-        probe = probes[p]
-        if p == 0 and model == context.model:  # its structure
-            at += probe.count
-            continue
-        start = model if probe.pointer < 0 else model_array(model, probe.pointer)
-        found = bytes_at(start + probe.start, (probe.count,))
-        difference = np.uint8(0)
-        for i in range(probe.count):
-            difference |= found[i] ^ expected[at + i]
-        if difference != 0:
-            return CHANGED - probe.field
-        at += probe.count
-    gravity = floats_at(model + context.layout.gravity, (3,))
-    if gravity[0] != 0.0 or gravity[1] != 0.0 or not gravity[2] < 0.0:
-        return TILTED
-    return 0
+def mixed_bytes(start, count, sum_):
+    """The same with bytes at an address, in four sums that do not wait for one another."""
+    words = words_at(start, (count // 8,))
+    a, b, c, d = sum_, sum_ + 1, sum_ + 2, sum_ + 3
+    whole = words.size - words.size % 4
+    for i in range(0, whole, 4):
+        a, b = mixed(a, words[i]), mixed(b, words[i + 1])
+        c, d = mixed(c, words[i + 2]), mixed(d, words[i + 3])
+    for i in range(whole, words.size):
+        a = mixed(a, words[i])
+    rest = bytes_at(start + 8 * words.size, (count % 8,))
+    for i in range(rest.size):
+        b = mixed(b, np.int64(rest[i]))
+    return mixed(mixed(mixed(a, b), c), mixed(d, count))
 
 
 @kernel
-def find_context(contexts, model, data):
-    """Place of a model's context in a list of them, the latest: its own, else the only one that it
-    is a copy of; or why there is none, and then the last one that is concerned."""
-    length, own, owner = word_at(contexts), NOBODY, 0
-    for i in range(length - 1, -1, -1):
-        context = context_at(word_at(contexts + 8 + 8 * i))
-        if context.model == model:
-            if own == NOBODY:
-                own = i
-            else:
-                count(context, data, SEEN, 1)  # an outer block of the same model
-    if own != NOBODY:
-        return differs(context_at(word_at(contexts + 8 + 8 * own)), model), own
-    for i in range(length - 1, -1, -1):
-        context = context_at(word_at(contexts + 8 + 8 * i))
-        if context.signature != word_at(model + context.layout.signature):
+def has_matrices(model, layout):
+    """Whether some numeric has the size of a matrix of added mass or damping."""
+    count = integer_at(model + layout.nnumeric)
+    sizes = integers_at(model_array(model, layout.numeric_size), (count,))
+    for i in range(sizes.size):
+        if sizes[i] == MATRIX_SIZES[0] or sizes[i] == MATRIX_SIZES[1]:
+            return True
+    return False
+
+
+@kernel
+def content_of(context, model):
+    """A number for all that hulls and waves are made from (FIELD rows) in a model, a whole one that
+    a double holds."""
+    fields = bytes_at(context.fields, (FIELD_SIZE * context.field_count,)).view(FIELD)
+    matrices = has_matrices(model, context.layout)
+    found = integer_at(model + context.layout.disableflags) & ~CONTACTS
+    for f in range(fields.size):
+        field = fields[f]
+        if field.optional != 0 and not matrices:
             continue
-        if differs(context, model) != 0:
-            count(context, data, STRANGERS, 1)
-        elif own == NOBODY:
-            own, owner = i, context.model
-        elif owner == context.model:
-            count(context, data, SEEN, 1)
+        if field.counter == 0:
+            found = mixed_bytes(model + field.pointer, field.size, found)
         else:
-            return AMBIGUOUS, own
-    return (0, own) if own != NOBODY else (NOBODY, NOBODY)
+            size = field.size * integer_at(model + field.counter)
+            found = mixed_bytes(model_array(model, field.pointer), size, found)
+    return found & WHOLE
 
 
 # What a context does
@@ -236,12 +217,11 @@ def find_context(contexts, model, data):
 
 @kernel
 def push(context, model, data, wrenches_out):
-    """Wrenches (H, 6) of buoyancy of all hulls, about their geoms' places, under the gravity that
-    the sea was made for."""
-    time = rate_of(context, model) * float_at(data + context.layout.time)
+    """Wrenches (H, 6) of buoyancy of all hulls, about their geoms' places."""
+    time = float_at(data + context.layout.time)
     places = floats_at(model_array(data, context.layout.geom_xpos), (context.geoms, 3))
     turns = floats_at(model_array(data, context.layout.geom_xmat), (context.geoms, 9))
-    parts = table(block_of(context), 9, PART)
+    parts = table(block_of(context), 7, PART)
     for p in range(parts.size):
         part = parts[p]
         block = bytes_at(part.block, (part.block_size,))
@@ -254,92 +234,70 @@ def push(context, model, data, wrenches_out):
 
 
 @kernel
-def mark_of(bodies, rows):
-    """A number that tells the bodies' rows from others; 0 if they are."""
-    mark, weight = 0.0, 1.0
-    for b in range(bodies.size):
-        for j in range(6):
-            weight *= 1.0009765625
-            mark += weight * rows[bodies[b].body, j]
-    return mark
-
-
-@kernel
-def is_first_visit(states, data):
-    """Whether a state is here for the first time, of those that can be kept apart."""
-    start = WAYS * (place_of(data) % (STATES // WAYS))
-    for i in range(start, start + WAYS):
-        found = atomic_claim(states + 8 * i, data)
-        if found == 0 or found == data:
-            return found == 0
-    return False
-
-
-@inline
-def slots_of(mark):
-    """Two places for a mark, so that what takes one of them does not take the other."""
-    bits = bits_of(mark)
-    return (bits * 2654435761 >> 20) % MARKS, (bits * 40503 >> 7) % MARKS
-
-
-@kernel
-def are_ours(mark, marks):
-    """Whether rows with such a mark are zero or such as we wrote lately: a copied state has them,
-    or one that goes from thread to thread in a batch."""
-    first, second = slots_of(mark)
-    return mark == 0.0 or marks[first] == mark or marks[second] == mark
-
-
-@kernel
-def remember(mark, marks_out):
-    first, second = slots_of(mark)
-    marks_out[first], marks_out[second] = mark, mark
-
-
-@kernel
-def write_rows(context, model, data, wrenches):
-    """Sum up the hulls' wrenches (H, 6) over their bodies, about the centres of mass, into the rows
-    of xfrc_applied."""
+def add_up(context, data, wrenches, totals_out):
+    """Sum up the hulls' wrenches (H, 6) over their bodies (B, 6), about the centres of mass."""
     block, layout = block_of(context), context.layout
     floats, bodies = table(block, 0, FLOAT), table(block, 1, BODY)
-    rows = floats_at(model_array(data, layout.xfrc_applied), (context.bodies, 6))
     centres = floats_at(model_array(data, layout.xipos), (context.bodies, 3))
     places = floats_at(model_array(data, layout.geom_xpos), (context.geoms, 3))
-    rate = rate_of(context, model)
-    factor = rate * rate
-    if is_first_visit(context.states, data):
-        marks = floats_at(context.marks, (MARKS,))
-        if not are_ours(mark_of(bodies, rows), marks):
-            count(context, data, OVERWRITTEN, 1)
     for b in range(bodies.size):
         i = bodies[b].body
         fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for f in range(bodies[b].first, bodies[b].end):
             h, g = floats[f].hull, floats[f].geom
-            x, y, z = factor * wrenches[h, 0], factor * wrenches[h, 1], factor * wrenches[h, 2]
+            x, y, z = wrenches[h, 0], wrenches[h, 1], wrenches[h, 2]
             ax, ay, az = cross(
                 places[g, 0] - centres[i, 0], places[g, 1] - centres[i, 1],
                 places[g, 2] - centres[i, 2], x, y, z,
             )  # fmt: skip
             fx, fy, fz = fx + x, fy + y, fz + z
-            tx += factor * wrenches[h, 3] + ax
-            ty += factor * wrenches[h, 4] + ay
-            tz += factor * wrenches[h, 5] + az
-        rows[i, 0], rows[i, 1], rows[i, 2] = fx, fy, fz
-        rows[i, 3], rows[i, 4], rows[i, 5] = tx, ty, tz
+            tx += wrenches[h, 3] + ax
+            ty += wrenches[h, 4] + ay
+            tz += wrenches[h, 5] + az
+        totals_out[b, 0], totals_out[b, 1], totals_out[b, 2] = fx, fy, fz
+        totals_out[b, 3], totals_out[b, 4], totals_out[b, 5] = tx, ty, tz
+
+
+@inline
+def own_part(found, memory, state, j):
+    """The user's part of the number that is found in component j of a row: what is remembered of
+    it, where the number still is what was left there; else the number is a new push."""
+    if bits_of(found) == bits_of(memory[j]):
+        return memory[6 + j]
+    if bits_of(found) == bits_of(state[j]):
+        return state[6 + j]
+    return found
 
 
 @kernel
-def twist_at(spatial, arm, rotation, scale, twist_out):
+def write_rows(context, data, totals, memories, states):
+    """Leave the user's pushes plus the water's wrenches (B, 6) in the bodies' rows of xfrc_applied.
+
+    Both are remembered twice, in the home and in the plugin's state, because MuJoCo's states hold
+    the latter: FULLPHYSICS without xfrc_applied, INTEGRATION with it.
+    """
+    bodies = table(block_of(context), 1, BODY)
+    rows = floats_at(model_array(data, context.layout.xfrc_applied), (context.bodies, 6))
+    for b in range(bodies.size):
+        i, m = bodies[b].body, bodies[b].memory
+        for j in range(6):
+            own = own_part(rows[i, j], memories[m], states[m], j)
+            rows[i, j] = own + totals[b, j]
+            memories[m, j], memories[m, 6 + j] = rows[i, j], own
+            states[m, j], states[m, 6 + j] = rows[i, j], own
+
+
+@kernel
+def twist_at(spatial, arm, rotation, twist_out):
     """A motion (6,), angular, then linear at a point, in world axes, as that of a point at an arm
-    from there, linear, then angular, in the axes of a rotation (9,), scaled."""
+    from there, linear, then angular, in the axes of a rotation (9,)."""
     wx, wy, wz = spatial[0], spatial[1], spatial[2]
     x, y, z = cross(wx, wy, wz, arm[0], arm[1], arm[2])
     x, y, z = spatial[3] + x, spatial[4] + y, spatial[5] + z
     r = rotation
     for i in range(3):
-        twist_out[i] = scale * (r[i] * x + r[3 + i] * y + r[6 + i] * z)
-        twist_out[3 + i] = scale * (r[i] * wx + r[3 + i] * wy + r[6 + i] * wz)
+        twist_out[i] = r[i] * x + r[3 + i] * y + r[6 + i] * z
+        twist_out[3 + i] = r[i] * wx + r[3 + i] * wy + r[6 + i] * wz
 
 
 @kernel
@@ -382,9 +340,8 @@ def state_of(context, data):
 
 
 @kernel
-def set_motion(context, data, body, pose, rate, reaction_out):
-    """How a body's hull moves, for its REACTION, in the measure of time in which gravity is the
-    sea's own: `rate` times faster."""
+def set_motion(context, data, body, pose, reaction_out):
+    """How a body's hull moves, for its REACTION."""
     layout, n, dofs = context.layout, context.freedoms, table(block_of(context), 2, DOF)
     changes = floats_at(model_array(data, layout.cdof_dot), (n, 6))
     speeds = floats_at(model_array(data, layout.qvel), (n,))
@@ -395,17 +352,8 @@ def set_motion(context, data, body, pose, rate, reaction_out):
         i = dofs[d].index
         for j in range(6):
             own[j] += changes[i, j] * speeds[i]
-    twist_at(velocity, arm, pose.rotation, 1.0 / rate, reaction_out[0].velocity)
-    twist_at(own, arm, pose.rotation, 1.0 / (rate * rate), reaction_out[0].bias)
-
-
-@kernel
-def scale_reaction(factor, reaction_out):
-    """Scale the wrenches."""
-    r = reaction_out[0]
-    for i in range(6):
-        r.drag[i] *= factor
-        r.inertia[i] *= factor
+    twist_at(velocity, arm, pose.rotation, reaction_out[0].velocity)
+    twist_at(own, arm, pose.rotation, reaction_out[0].bias)
 
 
 @kernel
@@ -413,15 +361,13 @@ def react(context, model, data, body, place, reaction_out):
     """What a hull, that of a FLOAT's place, meets besides its buoyancy: its REACTION in the geom's
     frame. Returns the rate [1/s] at which it takes angular momentum."""
     tables, state, block = tables_of(context), state_of(context, data), block_of(context)
-    g, rate = tables.floats[place].geom, rate_of(context, model)
-    time = rate * float_at(data + context.layout.time)
-    factor = rate * float_at(model + context.layout.timestep)
+    g, time = tables.floats[place].geom, float_at(data + context.layout.time)
+    timestep = float_at(model + context.layout.timestep)
     flow = Flow(table(block, 5, WAVE), table(block, 6, WATER), time)
     pose = Pose(state.places[g], state.turns[g])
-    set_motion(context, data, body, pose, rate, reaction_out)
+    set_motion(context, data, body, pose, reaction_out)
     hull = tables.hulls[tables.floats[place].resisted]
-    fraction = hull_reaction(hull, tables.surfaces, flow, pose, factor, reaction_out)
-    scale_reaction(rate * rate, reaction_out)
+    fraction = hull_reaction(hull, tables.surfaces, flow, pose, timestep, reaction_out)
     return fraction * hull.rate
 
 
@@ -464,7 +410,7 @@ def add_inertia(context, model, data, body, place, rotation, matrix):
     for a in range(size):
         row = dofs[first + a].index
         last[a] = starts[row] + lengths[row] - 1
-        twist_at(axes[row], arm, rotation, 1.0, columns[a])
+        twist_at(axes[row], arm, rotation, columns[a])
         for i in range(6):
             for j in range(i):
                 products[a, i] += matrix[i, j] * columns[a, j]
@@ -487,22 +433,21 @@ def add_inertia(context, model, data, body, place, rotation, matrix):
 
 
 @kernel
-def add_reaction(context, model, data, body, place, rotation, reaction, row_out):
-    """Add a REACTION in the frame at a place with a rotation (9,) to a body's row of xfrc_applied
-    and to the matrix of inertia."""
+def add_reaction(context, model, data, body, place, rotation, reaction, total_out):
+    """Add a REACTION in the frame at a place with a rotation (9,) to a body's wrench and to the
+    matrix of inertia."""
     state, r = state_of(context, data), reaction[0]
     arm = place - state.centres[body.body]
-    add_turned(r.drag, arm, rotation, row_out)
-    add_turned(r.inertia, arm, rotation, row_out)
+    add_turned(r.drag, arm, rotation, total_out)
+    add_turned(r.inertia, arm, rotation, total_out)
     add_inertia(context, model, data, body, place, rotation, r.matrix)
 
 
 @kernel
-def resist(context, model, data, wrenches):
-    """Add to the rows of xfrc_applied, and to the matrix of inertia, what bodies meet besides the
-    buoyancy of their hulls, `push`'s wrenches (H, 6)."""
+def resist(context, model, data, wrenches, totals_out):
+    """Add to the bodies' wrenches (B, 6), and to the matrix of inertia, what bodies meet besides
+    the buoyancy of their hulls, `push`'s wrenches (H, 6)."""
     tables, state = tables_of(context), state_of(context, data)
-    rows = floats_at(model_array(data, context.layout.xfrc_applied), (context.bodies, 6))
     reaction, is_made = np.empty(1, REACTION), False
     for b in range(tables.bodies.size):
         body, decay = tables.bodies[b], 0.0
@@ -516,11 +461,11 @@ def resist(context, model, data, wrenches):
                 is_made = True
             decay += react(context, model, data, body, f, reaction)
             place, turn = state.places[g], state.turns[g]
-            add_reaction(context, model, data, body, place, turn, reaction, rows[i])
+            add_reaction(context, model, data, body, place, turn, reaction, totals_out[b])
         if decay > 0.0:
             decay_spin(context, model, data, body, decay, reaction)
             place, turn = state.centres[i], state.axes[i]
-            add_reaction(context, model, data, body, place, turn, reaction, rows[i])
+            add_reaction(context, model, data, body, place, turn, reaction, totals_out[b])
     if is_made:
         call(context.factor_inertia, (model, data))
 
@@ -552,91 +497,203 @@ def drags(context_address, model, data, wrenches, drags_out):
             add_drag(reaction, centre - centre, state.axes[body.body], drags_out[b])
 
 
-@kernel
-def write(context, model, data, wrenches):
-    """From the hulls' wrenches all that the state gets."""
-    write_rows(context, model, data, wrenches)
-    if context.resist != 0:
-        call(context.resist, (context.own, model, data, wrenches.ctypes.data))
-    rows = floats_at(model_array(data, context.layout.xfrc_applied), (context.bodies, 6))
-    mark = mark_of(table(block_of(context), 1, BODY), rows)
-    remember(mark, floats_at(context.marks, (MARKS,)))
-
-
 # C functions, with addresses as arguments
 
 
 @c_function
-def resist_at(context, model, data, wrenches):
-    resist(context_at(context), model, data, floats_at(wrenches, (context_at(context).hulls, 6)))
-
-
-@c_function
-def write_at(context, model, data, wrenches):
-    """`write` for wrenches that somebody else has computed."""
+def resist_at(context, model, data, wrenches, totals):
     home = context_at(context)
-    write(home, model, data, floats_at(wrenches, (home.hulls, 6)))
+    bodies = table(block_of(home), 1, BODY).size
+    resist(home, model, data, floats_at(wrenches, (home.hulls, 6)), floats_at(totals, (bodies, 6)))
 
 
 @c_function
 def push_at(context, model, data, wrenches):
-    home = context_at(context)
-    push(home, model, data, floats_at(wrenches, (home.hulls, 6)))
+    what = context_at(context)
+    push(what, model, data, floats_at(wrenches, (what.hulls, 6)))
 
 
 @c_function
-def act_at(context, model, data):
-    """All that a context does in a step."""
-    home = context_at(context)
-    started = nanoseconds(home.clock, home.clock_number)
-    wrenches = np.empty((home.hulls, 6))
-    push(home, model, data, wrenches)
-    write(home, model, data, wrenches)
-    count(home, data, CALLS, 1)
-    count(home, data, NANOSECONDS, nanoseconds(home.clock, home.clock_number) - started)
-
-
-@c_query
-def find_at(contexts, model, data):
-    """The place of a model's context in a list of them, or below 0 why there is none."""
-    why, place = find_context(contexts, model, data)
-    return place if why == 0 else why
+def count_at(context, change):
+    """Count homes of a context, while other threads end some."""
+    atomic_add(context + USERS, change)
 
 
 @kernel
-def refuse(context, model, data, why, refusal):
-    """Have MuJoCo raise why a model is refused, where somebody is there to catch it; else, in the
-    threads of a rollout, note it and make the state one that MuJoCo gives up."""
-    set_handler = word_at(refusal + 8)
-    if set_handler != 0:
-        handler = ask(set_handler, (0,))
-        if handler != 0:
-            ask(set_handler, (handler,))
-            call(word_at(refusal), (word_at(refusal - 8 * why),))
-    atomic_claim(context.counters + 8 * REFUSED, -why)
-    rows = floats_at(model_array(data, context.layout.xfrc_applied), (context.bodies, 6))
-    bodies = table(block_of(context), 1, BODY)
-    for b in range(bodies.size):
-        rows[bodies[b].body] = np.nan
+def end_home(home, place):
+    """The end of a home, whose address stands at a place."""
+    context = context_at(word_at(home))
+    atomic_add(context.own + USERS, -1)
+    store_word(place, 0)
+    call(context.release, (home,))
 
 
 @c_function
-def callback_at(model, data):
-    """MuJoCo's passive callback."""
-    home = words_at(cell(), (4,))
-    if home[PREVIOUS] != 0:
-        call(home[PREVIOUS], (model, data))
-    in_use = home[USE] + 8 * COUNTERS * (place_of(data) % SHARDS)
-    atomic_add(in_use, 1)
-    contexts = word_at(cell() + 8 * CONTEXTS)
-    why, place = find_context(contexts, model, data)
-    if place >= 0:
-        context = word_at(contexts + 8 + 8 * place)
-        if why == 0:
-            call(context_at(context).act, (context, model, data))
-        else:
-            atomic_add(in_use, -1)
-            count(context_at(context), data, SEEN, 1)
-            refuse(context_at(context), model, data, why, home[REFUSING])
-            return
-    atomic_add(in_use, -1)
+def end_at(home, place):
+    end_home(home, place)
+
+
+@c_query
+def content_at(context, model):
+    return content_of(context_at(context), model)
+
+
+@c_function
+def act_at(home, model, data, states):
+    """All that the plugin does in a step of the state that has this home."""
+    context, kept = context_at(word_at(home)), words_at(home, (HOME_SIZE // 8,))
+    started = nanoseconds(context.clock, context.clock_number)
+    bodies = table(block_of(context), 1, BODY).size
+    wrenches, totals = np.empty((context.hulls, 6)), np.empty((bodies, 6))
+    call(context.push, (context.own, model, data, wrenches.ctypes.data))
+    add_up(context, data, wrenches, totals)
+    if context.resist != 0:
+        arguments = (context.own, model, data, wrenches.ctypes.data, totals.ctypes.data)
+        call(context.resist, arguments)
+    if kept[REFUSED] != 0:
+        totals[:] = np.nan  # MuJoCo gives up such a state
+    rows = (kept[MEMORIES], MEMORY)
+    write_rows(context, data, totals, floats_at(home + HOME_SIZE, rows), floats_at(states, rows))
+    kept[CALLS] += 1
+    kept[NANOSECONDS] += nanoseconds(context.clock, context.clock_number) - started
+
+
+# The plugin's functions
+
+
+@inline
+def lower_half(word):
+    """C's integer of 4 bytes that comes in a register of 8, of which the others say nothing."""
+    return word & 0xFFFFFFFF
+
+
+@inline
+def seam_at(number):
+    return word_at(seam() + 8 * number)
+
+
+@inline
+def word_of(data, instance):
+    """The address of the plugin's word in a state."""
+    return model_array(data, seam_at(WORDS)) + 8 * lower_half(instance)
+
+
+@kernel
+def place_of(number):
+    """The place in the slabs of the home of a number, 0 where there is none."""
+    slab, place = (number - 1) // SLAB, (number - 1) % SLAB
+    if number < 1 or slab >= MOST_SLABS:
+        return 0
+    start = word_at(seam_at(SLABS) + 8 * slab)
+    return 0 if start == 0 else start + 8 * place
+
+
+@kernel
+def known_home(number, owner, field):
+    """The home of a number if a field of it, DATA or OWN_STATES, is its owner's; else 0."""
+    place = place_of(number)
+    home = word_at(place) if place != 0 else 0
+    if home != 0 and word_at(home + 8 * field) != owner:
+        return 0
+    return home
+
+
+@kernel
+def home_of(model, data, instance):
+    """The home of a state, 0 where it has none. What a pickle has brought is put right first."""
+    word = word_of(data, instance)
+    if word_at(word) == 0:
+        return 0
+    home = known_home(word_at(word), data, DATA)
+    if home == 0:
+        call(seam_at(FIND), (model, data, lower_half(instance)))
+        home = known_home(word_at(word), data, DATA)
+    return home
+
+
+@kernel
+def water_instance(model):
+    """The instance of this plugin that acts in a model, -1 where there is none."""
+    count = integer_at(model + seam_at(INSTANCES))
+    slots = integers_at(model_array(model, seam_at(SLOTS)), (count,))
+    for i in range(slots.size):
+        if slots[i] == seam_at(SLOT):
+            return i
+    return -1
+
+
+@inline
+def content_number(home):
+    """Where the plugin's states hold the content of the model that they were reset with."""
+    kept = words_at(home, (HOME_SIZE // 8,))
+    return floats_at(kept[OWN_STATES] + 8 * MEMORY * kept[MEMORIES], (1,))
+
+
+@kernel
+def follow(home, model):
+    """Have the interpreter give a home the context of a model that hulls and waves are not made
+    from any more."""
+    kept, context = words_at(home, (HOME_SIZE // 8,)), context_at(word_at(home))
+    if kept[REFUSED] != 0 or content_of(context, model) != kept[CONTENT]:
+        call(seam_at(RENEW), (model, kept[OWN_STATES]))
+
+
+@kernel
+def follow_world(home, model):
+    """The same where the states were reset with another content than the home was: in a batch an
+    MjData serves many worlds, which may have hulls and waves of their own. States from before a
+    change of the model are in the water of today."""
+    wanted = content_number(home)
+    if content_of(context_at(word_at(home)), model) == wanted[0]:
+        follow(home, model)
+    wanted[0] = words_at(home, (HOME_SIZE // 8,))[CONTENT]
+
+
+@c_function
+def compute_at(model, data, instance, capability):
+    """Once a step, in the passive stage, and in mj_step1, mj_forward and mj_inverse."""
+    home = home_of(model, data, instance)
+    if home != 0:
+        kept = words_at(home, (HOME_SIZE // 8,))
+        if content_number(home)[0] != kept[CONTENT]:
+            follow_world(home, model)
+        call(context_at(word_at(home)).act, (home, model, data, kept[OWN_STATES]))
+
+
+@c_function
+def reset_at(model, states, number, instance):
+    """Forget all pushes. A model that hulls and waves are not made from any more gets a new
+    context, by the interpreter."""
+    if number == 0:
+        return
+    home = known_home(number, states, OWN_STATES)
+    if home == 0:  # from a pickle
+        call(seam_at(RENEW), (model, states))
+        return
+    kept = words_at(home, (HOME_SIZE // 8,))
+    numbers = (kept[MEMORIES] * MEMORY,)
+    floats_at(home + HOME_SIZE, numbers)[:] = 0.0
+    floats_at(states, numbers)[:] = 0.0
+    follow(home, model)
+    content_number(home)[0] = kept[CONTENT]
+
+
+@c_function
+def copy_at(to, model, data, instance):
+    """What is remembered of the rows of xfrc_applied goes with them."""
+    source, target = home_of(model, data, instance), home_of(model, to, instance)
+    if source != 0 and target != 0:
+        count = words_at(source, (HOME_SIZE // 8,))[MEMORIES]
+        if words_at(target, (HOME_SIZE // 8,))[MEMORIES] == count:
+            remembered = floats_at(source + HOME_SIZE, (count * MEMORY,))
+            floats_at(target + HOME_SIZE, (count * MEMORY,))[:] = remembered
+
+
+@c_function
+def destroy_at(data, instance):
+    """The end of a state."""
+    word = word_of(data, instance)
+    home = known_home(word_at(word), data, DATA)
+    if home != 0:
+        end_home(home, place_of(word_at(word)))
+    store_word(word, 0)

@@ -14,6 +14,7 @@ from sim.coupling.floats import (
     collides,
     geom_label,
 )
+from sim.coupling.overlaps import notes_of_overlaps
 from sim.hull import Hull
 from sim.water.sea import Sea
 
@@ -29,16 +30,19 @@ NEAR = 0.1
 """Of a hull's extents: a floor this close to the waves' band is in their way."""
 
 
-def notes_about(
-    model: mujoco.MjModel, start: mujoco.MjData, sea: Sea, floats: Sequence[FloatingGeom]
-) -> list[str]:
-    """All that there is to say about a model that floats, from where it starts."""
+def notes_about(model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom]) -> list[str]:
+    """All that there is to say about a model that floats, wherever it starts."""
     trees = _trees(model, floats)
     return [
         *_about_air(model), *_about_gravity(model, floats), *_about_densities(model, sea, trees),
-        *_about_floors(model, start, sea, floats),
-        *(f"geom '{f.name}': {note}" for f in floats for note in f.method.notes),
     ]  # fmt: skip
+
+
+def notes_about_places(
+    model: mujoco.MjModel, start: mujoco.MjData, sea: Sea, floats: Sequence[FloatingGeom]
+) -> list[str]:
+    """What there is to say about where a model starts."""
+    return [*notes_of_overlaps(start, floats), *_about_floors(model, start, sea, floats)]
 
 
 def _trees(model: mujoco.MjModel, floats: Sequence[FloatingGeom]) -> dict[int, list[FloatingGeom]]:

@@ -132,6 +132,7 @@ NUMERICS = {
         needed=2,
     ),
     "water_ramp": _kind(Number("water ramp", "s", 0.0, 1e6)),
+    "water_drawn": _kind(Number("drawing of the water (0 for none)", "", 0, 1, is_whole=True)),
     "sea_jonswap": _kind(
         _HEIGHT, _PERIOD, Number("gamma", "", 1.0, 100.0, default=3.3), *_SEA, needed=2
     ),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coupling.drag_fields import DragFields
+from sim.coupling.floats import FloatingGeom
 from sim.coupling.primitives import frame_rotation
 from sim.hull import Hull
 from sim.meshes.union import overlapping, shared_volume, united
@@ -82,16 +83,16 @@ def united_shapes(model: mujoco.MjModel, shapes: Sequence[Shape]) -> tuple[list[
     return sorted(found, key=lambda shape: order[shape.geoms[0]]), notes
 
 
-def notes_of_overlaps(start: mujoco.MjData, shapes: Sequence[Shape]) -> list[str]:
+def notes_of_overlaps(start: mujoco.MjData, floats: Sequence[FloatingGeom]) -> list[str]:
     """What is to be said of hulls that overlap at the start."""
-    if len(shapes) < 2:
+    if len(floats) < 2:
         return []
-    pairs = list(_overlaps(start, shapes))
+    pairs = list(_overlaps(start, floats))
     if not pairs:
         return []
     named = [
-        f"{_many([a.name, b.name])} ({_share(v, min(a.hull.volume, b.hull.volume))} of the smaller)"
-        for a, b, v in pairs[:MENTIONED]
+        f"{_many(names)} ({_share(shared, smaller)} of the smaller)"
+        for names, shared, smaller in pairs[:MENTIONED]
     ]
     more = f" and {len(pairs) - MENTIONED} more pairs" if len(pairs) > MENTIONED else ""
     return [
@@ -101,12 +102,13 @@ def notes_of_overlaps(start: mujoco.MjData, shapes: Sequence[Shape]) -> list[str
 
 
 def _overlaps(
-    start: mujoco.MjData, shapes: Sequence[Shape]
-) -> Iterator[tuple[Shape, Shape, float]]:
-    """Pairs of shapes with the volume [m^3] that they share at the start."""
+    start: mujoco.MjData, floats: Sequence[FloatingGeom]
+) -> Iterator[tuple[list[str], float, float]]:
+    """Names of pairs of hulls, the volume [m^3] that they share at the start, and that of the
+    smaller one."""
     placed = [
-        s.hull.moved(start.geom_xmat[g].reshape(3, 3), start.geom_xpos[g])
-        for s, g in ((shape, shape.geoms[0]) for shape in shapes)
+        f.method.hull.moved(start.geom_xmat[f.geom].reshape(3, 3), start.geom_xpos[f.geom])
+        for f in floats
     ]
     for group in overlapping(np.array([hull.bounds for hull in placed])):
         for i, j in combinations(group, 2):
@@ -116,8 +118,9 @@ def _overlaps(
                     shared = shared_volume(placed[i], placed[j])
                 except ValueError:
                     continue  # unknown
-                if shared > NOTED * min(placed[i].volume, placed[j].volume):
-                    yield shapes[i], shapes[j], shared
+                smaller = min(placed[i].volume, placed[j].volume)
+                if shared > NOTED * smaller:
+                    yield [floats[i].name, floats[j].name], shared, smaller
 
 
 def _on_body(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:

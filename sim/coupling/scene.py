@@ -12,6 +12,8 @@ from sim.coupling.buoyancy import Buoyancy
 from sim.coupling.faults import ModelError, say
 from sim.coupling.floats import first_state
 from sim.coupling.hydrostatics import notes_about_start
+from sim.coupling.notes import notes_about_places
+from sim.coupling.spec import compiled, override, read_spec, with_plugin
 
 
 @dataclass(frozen=True)
@@ -26,82 +28,54 @@ class Scene:
     @classmethod
     def load(
         cls,
-        path: str | Path,
+        source: str | Path | mujoco.MjSpec,
         method: str | None = None,
         *,
+        name: str | None = None,
         densities: Mapping[str, float] | None = None,
-        **overrulings: Any,
+        timestep: float | None = None,
+        keyframe: str | None = None,
+        **overriding: Any,
     ) -> "Scene":
-        """Compile an MJCF file and put it into a keyframe, by its name, or the first one, if it has
-        one.
+        """Compile an MJCF file, or an MjSpec, and put it into a keyframe, by its name, or the first
+        one, if it has one. A model without the plugin gets it; the file stays as it is.
 
-        What overrules the file: densities [kg/m^3] of geoms by their names, and all that
-        `from_model` takes. Raises FileNotFoundError, or ModelError with all that is wrong with the
-        file; warns by a Note of what is likely not meant, and of bodies that will not stay as they
-        start.
+        What overrides the model: densities [kg/m^3] of geoms by their names, the timestep [s], and
+        the fields that `spec.override` takes. Raises FileNotFoundError, or ModelError with all that
+        is wrong with the model; warns by a Note of what is likely not meant, and of bodies that
+        will not stay as they start.
         """
-        path = Path(path)
-        model = _compiled(path, densities or {})
+        is_file = not isinstance(source, mujoco.MjSpec)
+        spec = read_spec(Path(source)) if is_file else source
+        name = name or (Path(source).stem if is_file else "scene")
         try:
-            return cls.from_model(model, path.stem, method, folder=path.parent, **overrulings)
+            _make_dense(spec, densities or {})
+            if timestep is not None:
+                if not (np.isfinite(timestep) and timestep > 0):
+                    raise ValueError(f"the timestep is {timestep} s; it must be finite and above 0")
+                spec.option.timestep = timestep
+            override(spec, method, **overriding)
+            return cls.from_model(compiled(with_plugin(spec)), name, keyframe)
         except ModelError as error:
-            raise error.located(str(path)) from None
+            raise (error.located(str(source)) if is_file else error) from None
         except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
+            raise ValueError(f"{source}: {error}" if is_file else str(error)) from None
 
     @classmethod
     def from_model(
-        cls,
-        model: mujoco.MjModel,
-        name: str = "scene",
-        method: str | None = None,
-        *,
-        timestep: float | None = None,
-        keyframe: str | None = None,
-        **overrulings: Any,
+        cls, model: mujoco.MjModel, name: str = "scene", keyframe: str | None = None
     ) -> "Scene":
-        """The same for a model that is compiled already; `timestep` [s] is written into it. Method
-        and others (tolerance, threads, pressure, settings, folder) are those of
-        `Buoyancy.from_model`."""
-        if timestep is not None:
-            if not (np.isfinite(timestep) and timestep > 0):
-                raise ValueError(f"the timestep is {timestep} s; it must be finite and above 0")
-            model.opt.timestep = timestep
-        buoyancy = Buoyancy.from_model(model, method, keyframe=keyframe, **overrulings)
+        """The same for a model that is compiled already. Raises ModelError for one without the
+        plugin."""
+        buoyancy = Buoyancy.of(model)
         data = first_state(model, keyframe)
         mujoco.mj_forward(model, data)
         scene = cls(name, model, data, buoyancy)
-        say(notes_about_start(scene))
+        notes = notes_about_start(scene)
+        if keyframe is not None:  # the plugin has looked at the first one
+            notes = [*notes_about_places(model, data, buoyancy.sea, buoyancy.floats), *notes]
+        say(notes)
         return scene
-
-    def compile_kernels(self) -> None:
-        """Compute the water's wrenches once, on a state of its own: the first call compiles the
-        kernels, which would else happen, and count, in the first steps."""
-        spare = mujoco.MjData(self.model)
-        with self.buoyancy.installed():
-            mujoco.mj_forward(self.model, spare)
-        self.buoyancy.reset_clock()
-
-
-def _compiled(path: Path, densities: Mapping[str, float]) -> mujoco.MjModel:
-    """The model of an MJCF file, geoms of other densities in it. Raises ValueError, OSError."""
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no scene file {path}; give the path of an MJCF file")
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        raise ValueError(f"{path}: MuJoCo opens only names in UTF-8; rename it") from None
-    try:
-        if not densities:
-            return mujoco.MjModel.from_xml_path(str(path))
-        spec = mujoco.MjSpec.from_file(str(path))
-        _make_dense(spec, densities)
-        return spec.compile()
-    except ModelError as error:
-        raise error.located(str(path)) from None
-    except ValueError as error:
-        reason = " ".join(str(error).split())  # MuJoCo's message has several lines
-        raise ValueError(f"{path}: MuJoCo cannot compile it: {reason}") from None
 
 
 def _make_dense(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:

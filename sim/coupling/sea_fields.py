@@ -38,24 +38,18 @@ WATERS = ("water", "wave_", "sea_")
 def sea_of(
     model: mujoco.MjModel,
     parts: Sequence[tuple[str, Numerics, Texts]],
-    pressure: str | None,
-    folder: Path,
     faults: Faults,
 ) -> Sea | None:
     """The sea of a model of several parts, each with its prefix: the one that all of those have
-    which say anything about the water; None where there is a fault. pressure overrules them; files
-    lie in the folder."""
+    which say anything about the water; None where there is a fault."""
     found: dict[str, Sea] = {}
     for prefix, numerics, texts in parts:
         says = any(name.startswith(WATERS) for name in (*numerics, *texts))
         if says or len(parts) == 1:
             with faults.collected():
-                asked = pressure or texts.get(PRESSURE, DEFAULT_PRESSURE)
-                found[prefix] = _read_sea(model, numerics, texts, asked, folder, faults)
+                found[prefix] = _read_sea(model, numerics, texts, faults)
     if not found and not faults.found:
-        return Sea(
-            (), SEA_WATER_DENSITY, -float(model.opt.gravity[2]), 0.0, pressure or DEFAULT_PRESSURE
-        )
+        return Sea((), SEA_WATER_DENSITY, -float(model.opt.gravity[2]))
     seas = list(found.items())
     for prefix, sea in seas[1:]:
         if sea != seas[0][1]:
@@ -76,8 +70,6 @@ def _read_sea(
     model: mujoco.MjModel,
     numerics: Numerics,
     texts: Texts,
-    pressure: str,
-    folder: Path,
     faults: Faults,
 ) -> Sea:
     gravity = abs(float(model.opt.gravity[2])) or 9.81  # else a fault of its own
@@ -92,12 +84,13 @@ def _read_sea(
             except ValueError as error:
                 raise ValueError(f"custom numeric '{name}': {error}") from None
     with faults.collected():
-        waves += _from_files(numerics, texts, gravity, folder)
+        waves += _from_files(numerics, texts, gravity)
     density = float(numerics.get("water_density", [SEA_WATER_DENSITY])[0])
     levels = numerics.get("water_level", [0.0])
     level, tide = (float(levels[0]), ()) if len(levels) == 1 else (0.0, np.reshape(levels, (-1, 2)))
     current = numerics.get("water_current", (0.0, 0.0))
     ramp = float(numerics.get("water_ramp", [0.0])[0])
+    pressure = texts.get(PRESSURE, DEFAULT_PRESSURE)
     return Sea(waves, density, gravity, level, pressure, current, ramp, tide)
 
 
@@ -109,18 +102,23 @@ def _irregular(name: str, numbers: list[float], gravity: float) -> tuple[Wave, .
     return SPECTRA[name](*own).waves(*cutting, gravity)
 
 
-def _from_files(numerics: Numerics, texts: Texts, gravity: float, folder: Path) -> list[Wave]:
-    """Waves of the files that texts name, which lie in a folder."""
+def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
+    """Waves of the files that texts name."""
     waves: list[Wave] = []
     name = ""
     try:
         for name in (COMPONENTS, RECORD):
+            if name in texts and not Path(texts[name]).is_file():
+                raise ValueError(
+                    f"there is no file {Path(texts[name]).absolute()}; Scene.load looks beside the "
+                    "MJCF file, MuJoCo's compiler in the current folder: give a whole path"
+                )
             if name == COMPONENTS and name in texts:
-                waves += read_components(folder / texts[name], gravity)
+                waves += read_components(Path(texts[name]), gravity)
             elif name in texts:
                 numbers = _in_radians(NUMERICS[RECORD], numerics.get(RECORD, [0.0]))
                 heading, shortest, longest, *place = numbers
-                path = folder / texts[name]
+                path = Path(texts[name])
                 waves += read_record(path, gravity, heading, (shortest, longest), tuple(place))
     except (ValueError, OSError) as error:
         raise ValueError(f"custom text '{name}': {error}") from None

@@ -7,9 +7,6 @@ seed=3                      the seed of all irregular seas
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,28 +16,6 @@ from sim.coupling.faults import Faults
 from sim.coupling.numbers import NumericKind
 
 SEED = "seed"
-
-
-@dataclass(frozen=True)
-class Overrulings:
-    """What overrules what a model says, for all of its geoms: method, which may name a pressure too
-    ("patches/hydrostatic"); tolerance [m of water height] of the methods that take one; pressure;
-    settings of single fields; the keyframe that it starts in, by its name; and the folder in which
-    files that its fields name are looked for."""
-
-    method: str | None = None
-    tolerance: float | None = None
-    pressure: str | None = None
-    settings: tuple[str, ...] = ()
-    keyframe: str | None = None
-    folder: Path = Path()
-
-    @classmethod
-    def of(cls, method: str | None, pressure: str | None, **others: Any) -> Self:
-        """The pressure that a method names is the one that is meant."""
-        if method is not None and "/" in method:
-            method, pressure = method.split("/", 1)
-        return cls(method or None, pressure=pressure, **others)
 
 
 def overrule(

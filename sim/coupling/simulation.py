@@ -65,9 +65,7 @@ def simulate(
     [Hz], the first of them before the first step; where the rate does not divide into
     timesteps, at the first step at or after each instant.
 
-    The passive callback is set only while stepping, never while the caller has the sample, so
-    simulations may be interleaved and models compiled in between. Raises DivergenceError,
-    and ValueError for a duration or rate that cannot be.
+    Raises DivergenceError, and ValueError for a duration or rate that cannot be.
 
     watch: whether to stop a scene whose energy neither gravity, waves, springs, actuators nor
     forces that you apply explain; where a passive callback of yours acts, it looks away by itself.
@@ -99,7 +97,7 @@ def check_run(scene: Scene, duration: float, rate: float) -> None:
 def _samples(scene: Scene, duration: float, rate: float, watched: bool) -> Iterator[Sample]:
     timestep = scene.model.opt.timestep
     last_step = max(1, round(duration / timestep))
-    spent_before = scene.buoyancy.seconds
+    spent_before = scene.buoyancy.seconds(scene.data)
     step, step_seconds = 0, 0.0
     watch = Watch(scene)
     yield observe(scene, step)
@@ -109,12 +107,11 @@ def _samples(scene: Scene, duration: float, rate: float, watched: bool) -> Itera
         due = min(max(due, step + 1), last_step)
         if watched:
             watch.begin()
-        with scene.buoyancy.installed():
-            step_seconds += _advance(scene, due - step, watch, watched)
+        step_seconds += _advance(scene, due - step, watch, watched)
         if watched:
             watch.check()
         step = due
-        buoyancy_seconds = scene.buoyancy.seconds - spent_before
+        buoyancy_seconds = scene.buoyancy.seconds(scene.data) - spent_before
         yield observe(scene, step, step_seconds, buoyancy_seconds)
 
 

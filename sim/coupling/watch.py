@@ -22,7 +22,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coupling import callback
 from sim.coupling.divergence import DivergenceError, remedy
 from sim.coupling.floats import FloatingGeom
 from sim.coupling.scene import Scene
@@ -58,8 +57,6 @@ class Watch:
         self._power = self._gains
         self._began = scene.data.time
         self._found: Array | None = None  # changes at the state that was looked at last
-        self._is_others = np.ones(scene.model.nbody, dtype=bool)
-        self._is_others[scene.buoyancy.bodies] = False
         self._groups = np.arange(scene.model.nbody)  # which one each tree, by its root, belongs to
         for one, other in _tied(scene.model):
             self._unite(one, other)
@@ -67,7 +64,7 @@ class Watch:
     def begin(self) -> None:
         """Take the energy as it is now as given."""
         self._before = energies(self.scene)
-        self._power = powers(self.scene, self._is_others)
+        self._power = powers(self.scene)
         self._began = self.scene.data.time
 
     def touched(self) -> None:
@@ -81,14 +78,14 @@ class Watch:
         """Whether the energy gained is no more than what explains it."""
         self.touched()
         self._found = self._changes()
-        return callback.is_other_set() or not (self._excess(self._found) > 0.0).any()
+        return mujoco.get_mjcb_passive() is not None or not (self._excess(self._found) > 0.0).any()
 
     def check(self) -> None:
         """Count in what was gained since `begin`. Raises DivergenceError when it cannot be
         explained."""
         changes = self._changes() if self._found is None else self._found
         self.touched()
-        if callback.is_other_set():
+        if mujoco.get_mjcb_passive() is not None:
             self._gains = np.zeros_like(self._gains)
             return
         if (self._excess(changes) > 0.0).any():
@@ -101,7 +98,7 @@ class Watch:
     def _changes(self) -> Array:
         """Energy (nbody,) [J] gained since the start, without what actuators and forces that the
         user applies can have put in."""
-        power = np.maximum(self._power, powers(self.scene, self._is_others))
+        power = np.maximum(self._power, powers(self.scene))
         work = np.maximum(power, 0.0) * (self.scene.data.time - self._began)
         return self._gains + energies(self.scene) - self._before - MARGIN * work
 
@@ -168,17 +165,18 @@ def _has_spring(model: mujoco.MjModel) -> NDArray[np.bool_]:
     return np.reshape(model.jnt_stiffness != 0.0, (model.njnt, -1)).any(axis=1)
 
 
-def powers(scene: Scene, is_others: NDArray[np.bool_]) -> Array:
-    """Power (nbody,) [W] that actuators and forces which the user applies feed each body; rows of
-    xfrc_applied are the user's where is_others (nbody,) says so."""
+def powers(scene: Scene) -> Array:
+    """Power (nbody,) [W] that actuators and forces which the user applies feed each body."""
     model, data = scene.model, scene.data
     of_dofs = (data.qfrc_actuator + data.qfrc_applied) * data.qvel
     found = np.bincount(model.dof_bodyid, of_dofs, model.nbody)
-    for body in np.flatnonzero(data.xfrc_applied.any(axis=1) & is_others):
+    pushes = data.xfrc_applied.copy()
+    pushes[scene.buoyancy.bodies] = scene.buoyancy.pushes(data)
+    for body in np.flatnonzero(pushes.any(axis=1)):
         velocity = np.zeros(6)  # rotation first
         kind = mujoco.mjtObj.mjOBJ_BODY  # a body's inertial frame
         mujoco.mj_objectVelocity(model, data, kind, int(body), velocity, 0)
-        found[body] += data.xfrc_applied[body] @ np.roll(velocity, 3)
+        found[body] += pushes[body] @ np.roll(velocity, 3)
     return found
 
 

@@ -66,8 +66,8 @@ class Case:
 
     def scene(self, integrator: str, timestep: float) -> Scene:
         elements = "".join(f'<element objtype="geom" objname="{g}" prm="0"/>' for g in self.floats)
-        scene = Scene.from_model(
-            mujoco.MjModel.from_xml_string(
+        scene = Scene.load(
+            mujoco.MjSpec.from_string(
                 f'<mujoco><option timestep="{timestep}" integrator="{integrator}" {self.option}/>'
                 f"<custom>{self.custom}"
                 f'<tuple name="buoyant">{elements}</tuple></custom>'

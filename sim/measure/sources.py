@@ -5,21 +5,19 @@ poses at the waterline, then in the path of a bunny dropped into three crossing 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
 
-from sim.coupling.buoyancy import Buoyancy
 from sim.coupling.scene import Scene
 from sim.coupling.simulation import simulate
 from sim.hull import Hull
 from sim.measure.accuracy import errors, wrenches
 from sim.measure.customary import Customary
 from sim.measure.seas import SEAS, Pose, steepened, waterline_poses
-from sim.methods import Chord, Linear, Method, Reference
+from sim.methods import METHODS, Chord, Linear, Method, Reference, Settings
 from sim.water.sea import Sea
 
 FALL, DURATION = 3.0, 10.0  # [s]; within 3 the bunny has fallen in and follows the waves
@@ -129,9 +127,18 @@ def _path(
     pressure: str = "hydrostatic",
 ) -> np.ndarray:
     """Height [m] and tilt [deg] of the scene's body, (N, 2), with a method of one's own."""
-    scene = Scene.load(path, timestep=timestep, pressure=pressure)
-    buoyancy = scene.buoyancy
-    floats = [replace(f, method=make(f.method.hull, buoyancy.sea)) for f in buoyancy.floats]
-    scene = replace(scene, buoyancy=Buoyancy(scene.model, buoyancy.sea, floats))
-    samples = simulate(scene, DURATION, RATE)
-    return np.array([[s.centres[0, 2], np.degrees(s.tilts[0])] for s in samples])
+
+    class Made(Linear):
+        @classmethod
+        def from_text(
+            cls, hull: Hull, sea: Sea, settings: Settings, arguments: list[str]
+        ) -> Method:
+            return make(hull, sea)
+
+    METHODS["made"] = Made
+    try:
+        scene = Scene.load(path, "made", timestep=timestep, pressure=pressure)
+        samples = simulate(scene, DURATION, RATE)
+        return np.array([[s.centres[0, 2], np.degrees(s.tilts[0])] for s in samples])
+    finally:
+        del METHODS["made"]

@@ -1,7 +1,7 @@
 """Steps: what a whole `mj_step` costs with the water, in bare ones of the same model.
 
-A bare step is that of the same model with no callback, its bodies in the air. All of a row is
-measured in turns, and minima of the turns count, so ratios hold on a busy machine.
+A bare step is that of the same model without the plugin, its bodies falling in the air. All of a
+row is measured in turns, and minima of the turns count, so ratios hold on a busy machine.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from sim.coupling.scene import Scene
+from sim.coupling.seam import reading
 
 TURNS = 12
 
@@ -54,7 +55,7 @@ def _without_resistance(path: Path) -> Scene:
     spec = mujoco.MjSpec.from_file(str(path))
     for numeric in [n for n in spec.numerics if n.name.startswith(("drag", "added_mass"))]:
         spec.delete(numeric)
-    return Scene.from_model(spec.compile(), path.stem)
+    return Scene.load(spec, name=path.stem)
 
 
 def _chain(resistance: str) -> Scene:
@@ -66,8 +67,8 @@ def _chain(resistance: str) -> Scene:
             <geom name="g{i}" type="box" size="0.14 0.1 0.05" density="500" contype="0"/>"""
         ends += "</body>"
     listed = "".join(f'<element objtype="geom" objname="g{i}" prm="0"/>' for i in range(LINKS))
-    return Scene.from_model(
-        mujoco.MjModel.from_xml_string(f"""
+    return Scene.load(
+        mujoco.MjSpec.from_string(f"""
         <mujoco><option solver="CG"/><custom>{resistance}
           <numeric name="wave_a" data="0.1 4 0 0"/><numeric name="wave_b" data="0.05 2.4 50 40"/>
           <tuple name="buoyant">{listed}</tuple></custom>
@@ -88,17 +89,16 @@ def _seconds_of(*calls: Callable[[], Any]) -> list[float]:
 
 def _of_scene(name: str, scene: Scene) -> Row:
     model, data = scene.model, scene.data
-    air = mujoco.MjData(model)
+    with reading():  # a state without water
+        air = mujoco.MjData(model)
 
     def bare() -> None:
         mujoco.mj_step(model, air, STEPS)
 
     def floating() -> None:
-        with scene.buoyancy.installed():
-            mujoco.mj_step(model, data, STEPS)
+        mujoco.mj_step(model, data, STEPS)
 
-    with scene.buoyancy.installed():
-        mujoco.mj_step(model, data, SETTLED)
+    mujoco.mj_step(model, data, SETTLED)
     with_water, without = (1e6 * seconds / STEPS for seconds in _seconds_of(floating, bare))
     return {"what": name, "us": with_water, "bare_us": without, "ratio": with_water / without}
 
@@ -109,22 +109,21 @@ def _of_batches(path: Path, count: int) -> Iterator[Row]:
     from mujoco.batch import Batch  # MuJoCo 3 has another
 
     scene = Scene.load(path)
-    buoyancy, data = scene.buoyancy, scene.data
-    with buoyancy.installed():
-        mujoco.mj_step(scene.model, data, SETTLED)
-        batches = [Batch(scene.model, nsim=count, nthread=n) for n in (1, 2)]
-        for batch in batches:
-            for field in ("qpos", "qvel"):
-                batch.bind(field)[:] = getattr(data, field)
-            batch.bind("time")[:] = data.time + 0.37 * np.arange(count)
-        states = [_state_of(scene, data.time + 0.37 * i) for i in range(count)]
+    data = scene.data
+    mujoco.mj_step(scene.model, data, SETTLED)
+    batches = [Batch(scene.model, nsim=count, nthread=n) for n in (1, 2)]
+    for batch in batches:
+        for field in ("qpos", "qvel"):
+            batch.bind(field)[:] = getattr(data, field)
+        batch.bind("time")[:] = data.time + 0.37 * np.arange(count)
+    states = [_state_of(scene, data.time + 0.37 * i) for i in range(count)]
 
-        def single() -> None:
-            for state in states:
-                mujoco.mj_step(scene.model, state, BATCH_STEPS)
+    def single() -> None:
+        for state in states:
+            mujoco.mj_step(scene.model, state, BATCH_STEPS)
 
-        calls = [lambda b=b: b.step(nstep=BATCH_STEPS) for b in batches]
-        one_by_one, *of_batches = _seconds_of(single, *calls)
+    calls = [lambda b=b: b.step(nstep=BATCH_STEPS) for b in batches]
+    one_by_one, *of_batches = _seconds_of(single, *calls)
     for threads, seconds in zip((1, 2), of_batches, strict=True):
         yield {
             "what": f"{count} {path.stem} in a batch, {threads} thread{'s' * (threads > 1)}",

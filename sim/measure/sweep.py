@@ -17,7 +17,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from sim.coupling.divergence import DivergenceError
@@ -128,17 +127,9 @@ def statistics_of(columns: Mapping[str, Any], bodies: Sequence[str]) -> Row:
 @lru_cache(maxsize=4)
 def _scene(plan: Plan, settings: tuple[tuple[str, str], ...]) -> Scene:
     """The scene of some settings: runs that differ in their starts share it."""
-    model = _model(plan.scene)
-    return Scene.from_model(
-        model, plan.scene.stem, plan.method, folder=plan.scene.parent,
-        settings=[f"{name}={value}" for name, value in settings],
-    )  # fmt: skip
-
-
-@lru_cache(maxsize=4)
-def _model(path: Path) -> mujoco.MjModel:
-    """The compiled model of a scene's file: settings leave it as it is."""
-    return Scene.load(path).model
+    return Scene.load(
+        plan.scene, plan.method, settings=[f"{name}={value}" for name, value in settings]
+    )
 
 
 def check_plan(plan: Plan, run: Run) -> None:
@@ -147,9 +138,7 @@ def check_plan(plan: Plan, run: Run) -> None:
         raise ValueError(
             f"{plan.duration:g} s leave nothing after a warm-up of {plan.warm_up:g} s; run longer"
         )
-    scene = _scene(plan, run.settings)
-    check_run(scene, plan.duration, plan.rate)
-    scene.compile_kernels()
+    check_run(_scene(plan, run.settings), plan.duration, plan.rate)
 
 
 def kept_rows(path: Path, plan: Plan, runs: Sequence[Run]) -> list[Row]:

@@ -118,7 +118,7 @@ def scene_of(body: str, custom: str = "", option: str = "", wigley: Hull | None 
             own.add_joint(type=kinds.mjJNT_SLIDE, axis=[0, 0, 1], pos=WIGLEY_CENTRE)
             own.add_joint(type=kinds.mjJNT_HINGE, axis=[0, 1, 0], pos=WIGLEY_CENTRE)
         own.add_geom(name="hull", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="wigley", contype=0)
-    return Scene.from_model(spec.compile())
+    return Scene.load(spec)
 
 
 # Still water

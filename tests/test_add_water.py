@@ -1,0 +1,120 @@
+"""Models that somebody else wrote, put into the water: add_water and what Scene.load overrules."""
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import CUBE, WATER, WAVES, model, xml
+
+from sim import Buoyancy, ModelError, Scene, add_water
+
+DRY = f"""
+<mujoco model="somebodys">
+  <custom><numeric name="gain" data="1 2"/></custom>
+  <worldbody>{CUBE}
+    <body name="arm" pos="3 0 0"><freejoint/><geom type="sphere" size="0.2" density="500"/>
+      <body name="hand" pos="0.5 0 0"><joint/><geom size="0.1" density="500"/></body></body>
+  </worldbody>
+</mujoco>"""
+
+
+def floating(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    return Buoyancy.of(spec.compile()).body_names
+
+
+def test_bodies_float_with_all_that_hangs_on_them():
+    assert floating(add_water(mujoco.MjSpec.from_string(DRY), "arm")) == ("arm", "hand")
+    assert floating(add_water(mujoco.MjSpec.from_string(DRY), "hand", "cube")) == ("cube", "hand")
+
+
+def test_bodies_are_added_to_those_that_float_already_and_twice_is_once():
+    spec = add_water(mujoco.MjSpec.from_string(DRY), "cube")
+    for _ in range(2):
+        spec = add_water(spec, "arm")
+    compiled = spec.compile()
+    assert Buoyancy.of(compiled).body_names == ("cube", "arm", "hand")
+    assert compiled.nplugin == 1
+
+
+def test_a_file_stays_as_it_is_and_the_spec_is_the_one_that_was_given(tmp_path):
+    path = tmp_path / "dry.xml"
+    path.write_text(DRY)
+    assert floating(add_water(path, "cube")) == floating(add_water(str(path), "cube")) == ("cube",)
+    assert path.read_text() == DRY
+    spec = mujoco.MjSpec.from_string(DRY)
+    assert add_water(spec, "cube") is spec
+    with pytest.raises(FileNotFoundError, match=r"no scene file .*nowhere\.xml"):
+        add_water(tmp_path / "nowhere.xml", "cube")
+
+
+def test_fields_are_those_of_a_file_that_has_them():
+    """Numbers, rows, matrices and texts; what the model had is replaced, the rest stays."""
+    spec = add_water(
+        mujoco.MjSpec.from_string(DRY), "cube", water_density=1000, wave_swell=(0.1, 4, 0, 0),
+        damping=np.eye(6).ravel(), buoyancy_method="linear",
+    )  # fmt: skip
+    add_water(spec, water_density=[1025.0])
+    numbers = " ".join(map(str, np.eye(6).ravel()))
+    custom = (
+        f'<numeric name="wave_swell" data="0.1 4 0 0"/><numeric name="damping" data="{numbers}"/>'
+        '<text name="buoyancy_method" data="linear"/>'
+    )
+    found, expected = Buoyancy.of(spec.compile()), Buoyancy.of(model(custom=custom))
+    assert (found.sea.density, found.sea.waves) == (expected.sea.density, expected.sea.waves)
+    assert type(found.floats[0].method) is type(expected.floats[0].method)
+    np.testing.assert_array_equal(found.floats[0].drag.damping, expected.floats[0].drag.damping)
+    assert spec.compile().numeric("gain").data.tolist() == [1.0, 2.0]
+
+
+def test_all_that_cannot_be_is_told_at_once():
+    with pytest.raises(ModelError) as caught:
+        add_water(
+            mujoco.MjSpec.from_string(DRY), "torso", "cube", wave_swell=(0.1, 4), drag="strong",
+            water_depth=3, buoyancy_metod="linear",
+        )  # fmt: skip
+    faults = caught.value.faults
+    for word in ("no body 'torso'; the model has cube, arm, hand", "'wave_swell' has 2 numbers",
+                 "'drag' takes numbers, not the text 'strong'", "'water_depth' is unknown",
+                 "buoyancy_metod"):  # fmt: skip
+        assert sum(word in fault for fault in faults) == 1, word
+    assert len(faults) == 5
+
+
+def test_a_spec_comes_to_float_as_its_file_does(tmp_path):
+    """With the plugin in the file or without; Scene.load puts it there."""
+    path, dry = tmp_path / "wet.xml", tmp_path / "dry.xml"
+    path.write_text(xml(custom=WAVES))
+    dry.write_text(xml(custom=WAVES).replace(WATER, ""))
+    ends = []
+    for source in (
+        path, dry, mujoco.MjSpec.from_file(str(path)), mujoco.MjSpec.from_file(str(dry)),
+        add_water(dry),
+    ):  # fmt: skip
+        scene = Scene.load(source)
+        mujoco.mj_step(scene.model, scene.data, nstep=30)
+        ends.append(scene.data.qpos.copy())
+        assert scene.model.nplugin == 1
+    np.testing.assert_array_equal(ends, [ends[0]] * len(ends))
+    assert dry.read_text() == xml(custom=WAVES).replace(WATER, "")
+
+
+def test_the_plugin_survives_a_file_of_mujocos_own(tmp_path):
+    compiled = model(custom=WAVES)
+    mujoco.mj_saveModel(compiled, str(tmp_path / "m.mjb"), None)
+    add_water(xml_file(tmp_path), "cube").compile()
+    again = mujoco.MjModel.from_binary_path(str(tmp_path / "m.mjb"))
+    ends = []
+    for each in (compiled, again):
+        data = mujoco.MjData(each)
+        mujoco.mj_step(each, data, nstep=30)
+        ends.append(data.qpos.copy())
+    np.testing.assert_array_equal(*ends)
+    spec = add_water(xml_file(tmp_path), "cube", wave_swell=(0.1, 4, 0, 0))
+    spec.compile()
+    written = mujoco.MjModel.from_xml_string(spec.to_xml())
+    assert Buoyancy.of(written).sea.waves == Buoyancy.of(spec.compile()).sea.waves
+
+
+def xml_file(folder):
+    path = folder / "dry.xml"
+    path.write_text(DRY)
+    return path
