@@ -209,10 +209,16 @@ def test_load_says_which_file_is_at_fault(tmp_path):
         Scene.load(empty)
 
 
-def test_simulate_refuses_a_gravity_that_its_sea_was_not_made_under():
+def test_simulate_refuses_a_model_whose_water_it_could_not_show():
+    """Samples and recordings have the sea and the hulls of the time when the scene was made."""
     scene = cube_scene()
-    scene.model.opt.gravity[2] = -1.62
-    with pytest.raises(ValueError, match=r"gravity is 1\.62 m/s.*made under 9\.81"):
+    scene.model.body_mass[1] *= 1.1
+    simulate(scene, 1.0)
+    for change in (lambda m: m.opt.gravity.__setitem__(2, -1.62), lambda m: m.geom_size.fill(0.4)):
+        change(scene.model)
+        with pytest.raises(ValueError, match=r"have changed since .* Scene\.from_model\(model\)"):
+            simulate(scene, 1.0)
+        scene = Scene.from_model(scene.model)
         simulate(scene, 1.0)
 
 

@@ -73,6 +73,12 @@ class Buoyancy:
         """Whether any of the hulls' methods has a tolerance of water height."""
         return any(f.method.takes_tolerance for f in self.floats)
 
+    @property
+    def is_current(self) -> bool:
+        """Whether hulls and waves are made from what the model has now. Raises ModelError where
+        they cannot be made from that."""
+        return seam.context_of(self.model) is self._context
+
     def calls(self, data: mujoco.MjData) -> int:
         """How often the water acted on a state since that was made: once a step, four times with
         RK4."""

@@ -62,8 +62,6 @@ def remedy(scene: Scene, start: Array, body: int) -> str:
 def _gravity_taken_away(scene: Scene, body: int) -> str:
     """What weighs nothing is thrown out of the water."""
     model = scene.model
-    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
-        return "gravity is switched off by a flag, the water's push is not: enable it"
     if model.body_gravcomp[body] > 0.0:
         return (
             f"gravcomp takes {model.body_gravcomp[body]:g} of its weight away and the water pushes "

@@ -20,10 +20,11 @@ class Note(UserWarning):
 
 
 class ModelError(ValueError):
-    """A model that cannot float as it is; faults: what is wrong, a line each."""
+    """A model that cannot float as it is; faults: what is wrong, a line each; notes: what is likely
+    not meant besides, and may tell why."""
 
-    def __init__(self, faults: Iterable[str]) -> None:
-        self.faults = tuple(faults)
+    def __init__(self, faults: Iterable[str], notes: Iterable[str] = ()) -> None:
+        self.faults, self.notes = tuple(faults), tuple(notes)
         super().__init__("\n".join(self.faults))
 
     def __reduce__(self) -> tuple[type, tuple[tuple[str, ...]]]:
@@ -50,10 +51,10 @@ class Faults:
                 if fault not in self.found:
                     self.found.append(fault)
 
-    def refuse(self) -> None:
-        """Raise ModelError if there are any."""
+    def refuse(self, notes: Iterable[str] = ()) -> None:
+        """Raise ModelError, with notes, if there are any."""
         if self.found:
-            raise ModelError(self.found)
+            raise ModelError(self.found, notes)
 
 
 def say(notes: Iterable[str]) -> None:

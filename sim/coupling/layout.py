@@ -167,7 +167,7 @@ def picture_offsets() -> dict[str, int]:
         "emission": geom["emission"],
         "specular": geom["specular"],
         "shininess": geom["shininess"],
-        "shadow": geom["castshadow"],
+        "shadow": geom.get("castshadow", 0),  # since MuJoCo 4
     }
 
 

@@ -26,7 +26,7 @@ from sim.coupling.custom_fields import (
     texts_of,
 )
 from sim.coupling.drag_fields import DragFields
-from sim.coupling.faults import Faults, say
+from sim.coupling.faults import Faults
 from sim.coupling.floats import FloatingGeom, Listed, first_state, listed_geoms
 from sim.coupling.notes import notes_about_sizes
 from sim.coupling.overlaps import Shape, united_shapes
@@ -81,8 +81,7 @@ def stamp_of(name: str) -> Stamp:
 def read_model(model: mujoco.MjModel) -> Floating:
     """The sea and the floating geoms of a compiled model.
 
-    Raises ModelError, with all that is wrong, each with the element at fault and the remedy; then
-    warns by a Note of what is likely not meant, which may tell why.
+    Raises ModelError, with all that is wrong, each with the element at fault and the remedy.
     """
     faults, notes = Faults(), []
     check_physics(model, faults)
@@ -109,9 +108,7 @@ def read_model(model: mujoco.MjModel) -> Floating:
                 check_solver(model)
         notes += notes_about_sizes(sea, [(shape.name, shape.hull) for shape in shapes])
         notes += [f"geom '{f.name}': {note}" for f in floats for note in f.method.notes]
-    if faults.found:
-        say(notes)
-    faults.refuse()
+    faults.refuse(notes)
     threads = next(
         (p.numerics["buoyancy_threads"] for p in parts if "buoyancy_threads" in p.numerics), [1.0]
     )

@@ -116,7 +116,8 @@ def draw_triangle(picture, geom, a, b, c, work):
     store_single(geom + picture.emission, EMISSION)
     store_single(geom + picture.specular, SPECULAR)
     store_single(geom + picture.shininess, SHININESS)
-    store_byte(geom + picture.shadow, 0)
+    if picture.shadow != 0:
+        store_byte(geom + picture.shadow, 0)
 
 
 @c_function

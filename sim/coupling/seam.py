@@ -12,10 +12,12 @@ import ctypes
 import sys
 import traceback
 from _thread import interrupt_main
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import cache
-from threading import Timer, local
+from threading import Thread, Timer, local
+from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -35,6 +37,7 @@ from sim.coupling.picture import draw_at
 from sim.kernels import CFunction, when_compiling
 
 Array = NDArray[np.float64]
+Result = TypeVar("Result")
 
 NAME = "waterline"
 """Of the plugin, as MJCF files have it."""
@@ -163,8 +166,28 @@ def _found(model: int, like: mujoco.MjModel | None = None) -> tuple[Context, int
             take_over(own, model)
         return Context(own, read_model(own))
 
-    with _notice_of_compiling(), reading():
-        return contexts.of(model, make)
+    with _notice_of_compiling():
+        try:
+            return contexts.of(model, lambda: _apart(make))
+        except ModelError as error:
+            say(error.notes)
+            raise
+
+
+def _apart(task: Callable[[], Result]) -> Result:
+    """What a task returns, or raises, that calls MuJoCo while MuJoCo waits for us: in a thread of
+    its own, because each call sets anew where in its thread errors go to."""
+    future: Future[Result] = Future()
+
+    def work() -> None:
+        try:
+            with reading():
+                future.set_result(task())
+        except BaseException as error:
+            future.set_exception(error)
+
+    Thread(target=work, daemon=True, name="reading a model").start()
+    return future.result()
 
 
 def _copy_of(model: int) -> mujoco.MjModel:
@@ -177,16 +200,17 @@ def _copy_of(model: int) -> mujoco.MjModel:
 def _look_at(model: int, context: Context) -> None:
     """Look at what is a model's own, whatever its context, and say what is likely not meant. Raises
     ModelError."""
-    faults = Faults()
-    with reading():
-        own = _copy_of(model)
+
+    def look() -> list[str]:
+        own, faults = _copy_of(model), Faults()
         check_physics(own, faults)
         with faults.collected():
             start = first_state(own)
         faults.refuse()
         sea, floats = context.sea, context.floats
-        notes = [*notes_about(own, sea, floats), *notes_about_places(own, start, sea, floats)]
-    say([*context.notes, *notes])
+        return [*notes_about(own, sea, floats), *notes_about_places(own, start, sea, floats)]
+
+    say([*context.notes, *_apart(look)])
 
 
 @contextmanager
@@ -284,6 +308,8 @@ def _gauged(model: int, instance: int, sensor: int) -> int:
 @ctypes.CFUNCTYPE(INTEGER, WORD, WORD, INTEGER)
 def _init_gauge(model: int, data: int, instance: int) -> int:
     """Refuse a gauge that has no water to read, or no place."""
+    if _thread.is_reading:
+        return 0
     plugins = _integers_at(_word_at(model + declared("plugin")), _count(model, "nplugin"))
     if _slot(NAME) not in plugins:
         return _refused(

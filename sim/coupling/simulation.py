@@ -75,8 +75,8 @@ def simulate(
 
 
 def check_run(scene: Scene, duration: float, rate: float) -> None:
-    """Raise the ValueError that `simulate` would for a duration [s], a rate [Hz], a timestep or a
-    gravity that cannot be."""
+    """Raise the ValueError that `simulate` would for a duration [s], a rate [Hz] or a timestep that
+    cannot be, and for a model that has changed."""
     for name, value in (("duration", duration), ("rate", rate)):
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value}; it must be finite and above 0")
@@ -86,11 +86,11 @@ def check_run(scene: Scene, duration: float, rate: float) -> None:
             f"{duration:g} s are {steps:.3g} steps of {scene.model.opt.timestep:g} s, more than "
             f"{MOST_STEPS:g}; take a larger timestep or a shorter run"
         )
-    gravity = -scene.model.opt.gravity[2]
-    if gravity != scene.buoyancy.sea.gravity:
+    if not scene.buoyancy.is_current:
         raise ValueError(
-            f"gravity is {gravity:g} m/s^2, and the scene's sea, which is looked at as well, was "
-            f"made under {scene.buoyancy.sea.gravity:g}; load the scene anew with that gravity"
+            "hulls, waves or options of the scene's model have changed since it was loaded, and "
+            "samples and recordings would show what it had then: make a new one by "
+            "Scene.from_model(model)"
         )
 
 
