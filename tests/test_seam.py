@@ -201,6 +201,26 @@ def test_a_state_that_another_mjdata_takes_goes_on_to_the_bit(kind):
     np.testing.assert_array_equal(other.qpos, data.qpos)
 
 
+def test_a_state_taken_right_after_another_was_restored_counts_no_water_twice():
+    """FULLPHYSICS brings back what the plugin remembers and not the row; INTEGRATION, taken then,
+    brings back both, from two different times. So does mjd_transitionFD, which restores a state
+    many times."""
+    compiled = model(custom=WAVES + DRAG)
+    data = mujoco.MjData(compiled)
+    data.xfrc_applied[1, 0] = 50.0
+    mujoco.mj_step(compiled, data, nstep=50)
+    slopes = np.zeros((12, 12))
+    mujoco.mjd_transitionFD(compiled, data, 1e-6, True, slopes, None, None, None)
+    kept = state_of(compiled, data, INTEGRATION)
+    ends = []
+    for _ in range(3):
+        mujoco.mj_setState(compiled, data, kept, INTEGRATION)
+        np.testing.assert_array_equal(Buoyancy.of(compiled).pushes(data)[0, :3], [50.0, 0.0, 0.0])
+        mujoco.mj_step(compiled, data, nstep=30)
+        ends.append(data.qpos.copy())
+    np.testing.assert_array_equal(ends[1:], ends[:-1])
+
+
 # Copies, pickles, other processes
 
 

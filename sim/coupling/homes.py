@@ -26,12 +26,12 @@ class Homes:
 
     def add(self, data: int, states: int, context: Context, content: int, memories: int) -> int:
         """Make a home for the MjData at an address, whose plugin has its states at another; returns
-        its number. content: that of the model; memories: the number of MEMORY rows."""
+        its number. content: that of the model; memories: the number of bodies that can move."""
         self._end_lost(data)
         if not self._free:
             self._make_room()
         number = self._free.pop()
-        size = native.HOME_SIZE + 8 * native.MEMORY * memories
+        size = native.HOME_SIZE + 8 * native.KEPT * memories
         allocate = mujoco_library().mju_malloc
         allocate.restype = ctypes.c_void_p
         home = allocate(ctypes.c_size_t(size))

@@ -57,10 +57,10 @@ HOME = record(
     data="i8", states="i8",
 )  # fmt: skip
 """What belongs to one MjData: the address of its context, the content of the model that the context
-was made from, the number of MEMORY rows behind this record, whether the model was refused at the
-last reset, the number of calls and the time [ns] that they took; and by which it is known, the
-addresses of the MjData and of the plugin's states in it. Those states are as many MEMORY rows, and
-the content behind them."""
+was made from, the number of rows of KEPT numbers behind this record, whether the model was refused
+at the last reset, the number of calls and the time [ns] that they took; and by which it is known,
+the addresses of the MjData and of the plugin's states in it. Those states are as many MEMORY rows,
+and the content behind them."""
 
 CONTEXT_OF, CONTENT, MEMORIES, REFUSED, CALLS, NANOSECONDS, DATA, OWN_STATES = range(8)
 """Numbers of HOME."""
@@ -76,6 +76,13 @@ HOME_SIZE = HOME.itemsize
 MEMORY = 12
 """Numbers that are remembered of a body's row of xfrc_applied: the 6 that were left there, and the
 6 of them that are the user's push."""
+
+EARLIER = 8
+"""Rows that a home remembers besides: those that stood beside states from another time. States that
+MuJoCo keeps of such a moment (INTEGRATION) bring both back."""
+
+KEPT = MEMORY * (1 + EARLIER)
+"""Numbers of a home for each body that can move."""
 
 PART = record(kernel="i8", block="i8", block_size="i8", places="i8", count="i8", size="i8")
 """Hulls of a method: its kernel, its block, and their places, with the size of one."""
@@ -261,12 +268,30 @@ def add_up(context, data, wrenches, totals_out):
 @inline
 def own_part(found, memory, state, j):
     """The user's part of the number that is found in component j of a row: what is remembered of
-    it, where the number still is what was left there; else the number is a new push."""
-    if bits_of(found) == bits_of(memory[j]):
+    it, where the number is one that was left there; else the number is a new push."""
+    number = bits_of(found)
+    if number == bits_of(memory[j]):
         return memory[6 + j]
-    if bits_of(found) == bits_of(state[j]):
+    if number == bits_of(state[j]):
         return state[6 + j]
+    for k in range(1, 1 + EARLIER):
+        if number == bits_of(memory[MEMORY * k + j]):
+            return memory[MEMORY * k + 6 + j]
     return found
+
+
+@kernel
+def keep_earlier(row, state, memory_out):
+    """Keep a row (6,) that is what was left there, beside a state (MEMORY,) that is not of the same
+    time: FULLPHYSICS has brought that alone."""
+    for j in range(6):
+        is_left = bits_of(row[j]) == bits_of(memory_out[j])
+        if is_left and bits_of(row[j]) != bits_of(state[j]):
+            for k in range(KEPT - 1, 2 * MEMORY - 1, -1):
+                memory_out[k] = memory_out[k - MEMORY]
+            for k in range(MEMORY):
+                memory_out[MEMORY + k] = memory_out[k]
+            return
 
 
 @kernel
@@ -280,6 +305,7 @@ def write_rows(context, data, totals, memories, states):
     rows = floats_at(model_array(data, context.layout.xfrc_applied), (context.bodies, 6))
     for b in range(bodies.size):
         i, m = bodies[b].body, bodies[b].memory
+        keep_earlier(rows[i], states[m], memories[m])
         for j in range(6):
             own = own_part(rows[i, j], memories[m], states[m], j)
             rows[i, j] = own + totals[b, j]
@@ -552,8 +578,8 @@ def act_at(home, model, data, states):
         call(context.resist, arguments)
     if kept[REFUSED] != 0:
         totals[:] = np.nan  # MuJoCo gives up such a state
-    rows = (kept[MEMORIES], MEMORY)
-    write_rows(context, data, totals, floats_at(home + HOME_SIZE, rows), floats_at(states, rows))
+    memories = floats_at(home + HOME_SIZE, (kept[MEMORIES], KEPT))
+    write_rows(context, data, totals, memories, floats_at(states, (kept[MEMORIES], MEMORY)))
     kept[CALLS] += 1
     kept[NANOSECONDS] += nanoseconds(context.clock, context.clock_number) - started
 
@@ -671,9 +697,8 @@ def reset_at(model, states, number, instance):
         call(seam_at(RENEW), (model, states))
         return
     kept = words_at(home, (HOME_SIZE // 8,))
-    numbers = (kept[MEMORIES] * MEMORY,)
-    floats_at(home + HOME_SIZE, numbers)[:] = 0.0
-    floats_at(states, numbers)[:] = 0.0
+    floats_at(home + HOME_SIZE, (kept[MEMORIES] * KEPT,))[:] = 0.0
+    floats_at(states, (kept[MEMORIES] * MEMORY,))[:] = 0.0
     follow(home, model)
     content_number(home)[0] = kept[CONTENT]
 
@@ -685,8 +710,8 @@ def copy_at(to, model, data, instance):
     if source != 0 and target != 0:
         count = words_at(source, (HOME_SIZE // 8,))[MEMORIES]
         if words_at(target, (HOME_SIZE // 8,))[MEMORIES] == count:
-            remembered = floats_at(source + HOME_SIZE, (count * MEMORY,))
-            floats_at(target + HOME_SIZE, (count * MEMORY,))[:] = remembered
+            remembered = floats_at(source + HOME_SIZE, (count * KEPT,))
+            floats_at(target + HOME_SIZE, (count * KEPT,))[:] = remembered
 
 
 @c_function

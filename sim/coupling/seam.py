@@ -121,15 +121,20 @@ def counted(model: mujoco.MjModel, data: mujoco.MjData, number: int) -> int:
     return _word_at(home + 8 * number) if home else 0
 
 
-def memories_of(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
-    """The MEMORY rows (N, 12) of a state's home and of its plugin state."""
+def memories_of(model: mujoco.MjModel, data: mujoco.MjData) -> list[Array]:
+    """MEMORY rows (N, 12) of all bodies that can move, as a state remembers them: those that count
+    first come first."""
     instance = model.plugin.tolist().index(_slot(NAME))
     start = int(model.plugin_stateadr[instance])
     states = data.plugin_state[start : start + int(model.plugin_statenum[instance]) - 1]
+    states = np.reshape(states, (-1, native.MEMORY))
     home = homes.home(data._address, homes.recover(data._address))
-    numbers = (ctypes.c_double * states.size).from_address(home + native.HOME_SIZE)
-    rows = -1, native.MEMORY
-    return np.array(numbers).reshape(rows), np.array(states).reshape(rows)
+    if not home:
+        return [states]
+    numbers = ctypes.c_double * (len(states) * native.KEPT)
+    kept = np.array(numbers.from_address(home + native.HOME_SIZE)).reshape(len(states), -1)
+    latest, *earlier = np.split(kept, 1 + native.EARLIER, axis=1)
+    return [latest, states, *earlier]
 
 
 @contextmanager
