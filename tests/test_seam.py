@@ -88,7 +88,6 @@ def restore_fullphysics(compiled, data, step):
     """The push that stands stays, as it does in a dry model."""
     data.xfrc_applied[1, 0] = 100.0
     if step == 30:
-        data.userdata[:] = 0.0
         KEPT[compiled] = state_of(compiled, data, FULLPHYSICS)
     if step == 60:
         mujoco.mj_setState(compiled, data, KEPT[compiled], FULLPHYSICS)
@@ -440,6 +439,20 @@ def test_faults_that_have_no_room_there_are_printed(capfd):
     with pytest.raises(ModelError) as error:
         afloat(custom=many)
     assert len(error.value.faults) == 20
+
+
+def test_files_lie_in_the_current_folder_where_mujoco_itself_compiles(tmp_path, monkeypatch):
+    """It does not tell a plugin where the MJCF file is."""
+    custom = '<text name="sea_components" data="waves.csv"/>'
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        ValueError, match=r"there is no file .*waves\.csv; Scene\.load looks"
+    ):
+        model(custom=custom)
+    waves = tmp_path / "waves.csv"
+    for amplitude in (0.1, 0.125):  # a file that changes is read anew
+        waves.write_text(f"amplitude,wavelength,heading,phase\n{amplitude},4,0,0\n")
+        assert Buoyancy.of(model(custom=custom)).sea.waves[0].amplitude == amplitude
 
 
 def test_a_percent_sign_is_no_format_of_printf():

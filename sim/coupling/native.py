@@ -106,13 +106,13 @@ size. A counter of 0 stands for one row that lies in the model itself."""
 
 FIELD_SIZE = FIELD.itemsize
 
-SEAM = np.zeros(9, dtype=np.int64)
-"""Where MuJoCo keeps what belongs to plugins, as offsets: in a state the plugins' words and their
-states, in a model where a plugin's states begin, the number of instances, and of each the number of
-its plugin. The number of ours; the address of the slabs' addresses; and the functions of Python's
-that find a home which is not where it should be, and renew one."""
+SEAM = np.zeros(7, dtype=np.int64)
+"""Where MuJoCo keeps what belongs to plugins, as offsets: in a state the plugins' words, in a model
+the number of instances and, of each, the number of its plugin. Then the number of this plugin, the
+address of the slabs' addresses, and the Python functions that find a home which is not where it
+should be, and renew one."""
 
-WORDS, STATES, STATE_STARTS, INSTANCES, SLOTS, SLOT, SLABS, FIND, RENEW = range(9)
+WORDS, INSTANCES, SLOTS, SLOT, SLABS, FIND, RENEW = range(7)
 
 seam = named_word("waterline_seam", SEAM.ctypes.data)
 

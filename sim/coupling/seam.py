@@ -419,9 +419,7 @@ def register() -> None:
 def _join_kernels() -> None:
     """Put the kernels among the functions that MuJoCo calls."""
     for number, name in (
-        (native.WORDS, "plugin_data"), (native.STATES, "plugin_state"),
-        (native.STATE_STARTS, "plugin_stateadr"), (native.INSTANCES, "nplugin"),
-        (native.SLOTS, "plugin"),
+        (native.WORDS, "plugin_data"), (native.INSTANCES, "nplugin"), (native.SLOTS, "plugin")
     ):  # fmt: skip
         native.SEAM[number] = offsets()[name]
     native.SEAM[native.SLOT] = _slot(NAME)

@@ -1,7 +1,7 @@
 """Steps: what a whole `mj_step` costs with the water, in bare ones of the same model.
 
-A bare step is that of the same model without the plugin, its bodies falling in the air. All of a
-row is measured in turns, and minima of the turns count, so ratios hold on a busy machine.
+A bare step is that of the same model in a state without water, its bodies falling in the air. All
+of a row is measured in turns, and minima of the turns count, so ratios hold on a busy machine.
 """
 
 from collections.abc import Callable, Iterator, Sequence
