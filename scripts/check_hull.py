@@ -33,9 +33,9 @@ import trimesh
 from numpy.typing import NDArray
 
 from sim import Hull
-from sim.meshes.repair import Repaired, repair
-from sim.meshes.survey import Survey, read_surface, survey
-from sim.meshes.union import decked
+from sim.hulls.repair import Repaired, repair
+from sim.hulls.survey import Survey, read_surface, survey
+from sim.hulls.union import decked
 
 Surface = tuple[NDArray, NDArray]
 """Vertices and faces."""

@@ -22,9 +22,7 @@ def _end_at_once(number: int, frame: object) -> None:
     os._exit(128 + number)
 
 
-IS_SCRIPT = os.path.dirname(os.path.realpath(sys.argv[0])) == os.path.dirname(
-    os.path.realpath(__file__)
-)
+IS_SCRIPT = os.path.realpath(sys.argv[0]).startswith(os.path.dirname(os.path.realpath(__file__)))
 """Whether one of the scripts is what runs, and not a test."""
 
 if IS_SCRIPT and signal.getsignal(signal.SIGINT) is signal.default_int_handler:

@@ -41,9 +41,9 @@ from typing import Any
 import numpy as np
 
 from sim import Sample, Scene, SideBySideRecorder, simulate
-from sim.coupling.files import model_files
-from sim.coupling.simulation import check_run
-from sim.measure.statistics import (
+from sim.mjcf.files import model_files
+from sim.runs.simulation import check_run
+from sim.runs.statistics import (
     FEWEST_BATCHES,
     mean_of_correlated,
     mean_of_runs,

@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import Hydrostatics, Scene, hydrostatics
-from sim.coupling.files import model_files
-from sim.coupling.hydrostatics import resting_corners
+from sim.mjcf.files import model_files
+from sim.scenes.hydrostatics import resting_corners
 
 ROWS = (
     ("mass", "kg", "mass_kg"),

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.measure.statistics import spectra
-from sim.measure.tables import read_columns
+from sim.runs.statistics import spectra
+from sim.runs.tables import read_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -40,13 +40,13 @@ from time import perf_counter
 from typing import Any
 
 from sim import Recorder, Sample, Scene, Tally, observe, simulate
-from sim.coupling.files import model_files
-from sim.coupling.numbers import MOST_THREADS
-from sim.coupling.simulation import check_run
-from sim.drawing.frame import MOST_RESOLUTION
-from sim.drawing.look import COLOURS
-from sim.measure.series import Series
-from sim.measure.tables import check_ending, write_columns
+from sim.mjcf.files import model_files
+from sim.mjcf.numbers import MOST_THREADS
+from sim.recording.frame import MOST_RESOLUTION
+from sim.recording.look import COLOURS
+from sim.runs.series import Series
+from sim.runs.simulation import check_run
+from sim.runs.tables import check_ending, write_columns
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:

@@ -30,7 +30,7 @@ from typing import IO, NoReturn
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from sim.drawing.reader import reader, whole
+from sim.recording.reader import reader, whole
 
 NO_PICTURE = 2
 

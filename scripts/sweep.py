@@ -43,9 +43,9 @@ from typing import TextIO
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
 
-from sim.coupling.files import model_files
-from sim.measure.sweep import Plan, Row, Run, as_columns, check_plan, kept_rows, perform, runs_of
-from sim.measure.tables import check_ending, write_columns
+from sim.mjcf.files import model_files
+from sim.runs.sweep import Plan, Row, Run, as_columns, check_plan, kept_rows, perform, runs_of
+from sim.runs.tables import check_ending, write_columns
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:

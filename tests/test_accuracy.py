@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import trimesh
 
+from benchmarks.accuracy import errors, time_in_turns, wrenches
+from benchmarks.customary import Customary
+from benchmarks.seas import SEAS, waterline_poses
+from benchmarks.ship import SIZE, finer, ship, ship_costs
 from independent import REPOSITORY, ROUND_OFF, load_mesh, status_of, three_waves
 from sim import Chord, Hull, Linear, Reference, Sea
-from sim.measure.accuracy import errors, time_in_turns, wrenches
-from sim.measure.customary import Customary
-from sim.measure.seas import SEAS, waterline_poses
-from sim.measure.ship import SIZE, finer, ship, ship_costs
-from sim.measure.statistics import mean_of_correlated
+from sim.runs.statistics import mean_of_correlated
 
 CUBE = Hull.from_trimesh(trimesh.creation.box(extents=(1.0, 1.0, 1.0)))
-SCRIPT = [sys.executable, str(REPOSITORY / "scripts" / "speed_vs_error.py")]
+SCRIPT = [sys.executable, str(REPOSITORY / "scripts" / "benchmarks" / "speed_vs_error.py")]
 
 
 def script(*arguments, cwd, **options) -> subprocess.CompletedProcess:
@@ -162,7 +162,7 @@ def test_speed_vs_error_says_that_matplotlib_is_missing(tmp_path, monkeypatch, c
     """Whether it is installed or not."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert status_of("speed_vs_error.py", "--figure", "out.png") == 2
+    assert status_of("benchmarks/speed_vs_error.py", "--figure", "out.png") == 2
     stderr = capsys.readouterr().err
     assert "pip install '.[report]'" in stderr
     assert stderr.count("\n") == 1
@@ -182,7 +182,7 @@ def test_unusable_input_gives_one_line_and_status_2(
     arguments, message, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
-    assert status_of("speed_vs_error.py", *arguments) == 2
+    assert status_of("benchmarks/speed_vs_error.py", *arguments) == 2
     stdout, stderr = capsys.readouterr()
     assert stdout == ""
     assert message in stderr

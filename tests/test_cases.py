@@ -1,9 +1,9 @@
 """The hard cases that take little time, at the shipped scenes' timestep; all of them, at every
-integrator and timestep, run by scripts/hard_cases.py."""
+integrator and timestep, run by scripts/benchmarks/hard_cases.py."""
 
 import pytest
 
-from sim.measure.cases import CASES, attempts
+from benchmarks.cases import CASES, attempts
 
 QUICK = [name for name, case in CASES.items() if case.duration <= 5.0]
 

@@ -14,8 +14,8 @@ from scenes import CUBE, WATER, WAVES, afloat, model, xml
 
 from independent import MODELS, ROUND_OFF
 from sim import Buoyancy, Hull, Linear
-from sim.coupling.context import UNUSED
-from sim.coupling.seam import context_of
+from sim.plugin.context import UNUSED
+from sim.plugin.seam import context_of
 
 WEIGHT = 512.5 * 9.81  # N, of the cube
 

@@ -7,7 +7,7 @@ from scenes import CUBE, WAVES, model
 
 from independent import MODELS
 from sim import DivergenceError, ModelError, Scene, simulate
-from sim.coupling.watch import energies
+from sim.runs.watch import energies
 
 BALL = """
     <body name="ball" pos="0 0 {z}"><freejoint/>

@@ -17,10 +17,10 @@ TIERS = [
 """Rooms of the map, from the ground up; those of one line do not know one another."""
 
 OUTSIDE = {
-    "mujoco": {"coupling", "drawing", "measure"},
-    "trimesh": {"coupling", "measure", "meshes"},
-    "manifold3d": {"meshes"},
-    "rerun": {"drawing"},
+    "mujoco": {"mjcf", "plugin", "scenes", "runs", "recording"},
+    "trimesh": {"mjcf", "hulls"},
+    "manifold3d": {"hulls"},
+    "rerun": {"recording"},
     "numba": {"kernels", "addresses"},
     "llvmlite": {"addresses"},
 }

@@ -7,7 +7,7 @@ import pytest
 from scenes import WAVES, model
 
 from independent import MODELS
-from sim.coupling import layout
+from sim.plugin import layout
 
 
 def test_offsets_lead_to_the_arrays_of_another_model():

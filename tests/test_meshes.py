@@ -12,9 +12,9 @@ from scenes import model
 
 from independent import load_mesh
 from sim import Buoyancy, Hull
-from sim.meshes.repair import repair
-from sim.meshes.survey import read_surface, survey
-from sim.meshes.union import decked, outer_surface, overlapping, united
+from sim.hulls.repair import repair
+from sim.hulls.survey import read_surface, survey
+from sim.hulls.union import decked, outer_surface, overlapping, united
 
 ROUND_OFF = 1e-9
 WIDENED = 1e-4  # what touches is united by reaching into it

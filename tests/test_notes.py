@@ -14,7 +14,7 @@ from scenes import CUBE, WAVES, afloat, model, xml
 
 from independent import DENSITY, GRAVITY, MODELS
 from sim import Buoyancy, ModelError, Note, Scene, hydrostatics
-from sim.coupling.primitives import geom_hull
+from sim.mjcf.geoms import geom_hull
 
 ROUND_OFF = 1e-9
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from independent import MODELS, status_of
-from sim.coupling.files import model_files
+from sim.mjcf.files import model_files
 
 SCENE = """<mujoco>
   <include file="parts/water.xml"/>

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 import trimesh
 
+from benchmarks.accuracy import errors, wrenches
+from benchmarks.random_cases import random_cases, random_hull
+from benchmarks.seas import SEAS, waterline_poses
 from sim import Hull, Patches, Reference, Sea, Wave
 from sim.geometry import across, area_vectors, areas, cone_volumes, sides, split_triangles
-from sim.measure.accuracy import errors, wrenches
-from sim.measure.random_cases import random_cases, random_hull
-from sim.measure.seas import SEAS, waterline_poses
 from sim.methods import patch_sizes
-from sim.methods.patch_sizes import (
+from sim.methods.patches.fit import jet_radius, jet_tolerance
+from sim.methods.patches.sizes import (
     FEW,
     FILLING,
     LARGER,
@@ -20,8 +21,7 @@ from sim.methods.patch_sizes import (
     _radius_of,
     default_tolerance,
 )
-from sim.methods.patch_tree import build_tree
-from sim.water.fit import jet_radius, jet_tolerance
+from sim.methods.patches.tree import build_tree
 from sim.water.head import PRESSURES
 
 TURN = 2.0 * np.pi

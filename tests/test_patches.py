@@ -19,17 +19,17 @@ from independent import (
 )
 from sim import Hull, Linear, Patches, Reference, Sea, Wave
 from sim.methods import Place
-from sim.methods.patch_tree import build_tree
-from sim.water import fit
-from sim.water.fit import (
+from sim.methods.patches.fit import (
     SHIFT,
     fitted_waves,
     head_jet_error,
     jet_error,
     jet_radius,
     jet_waves,
-    sample_places,
 )
+from sim.methods.patches.tree import build_tree
+from sim.water import fit
+from sim.water.samples import sample_places
 
 CUBE = trimesh.creation.box(extents=[1.0, 1.0, 1.0])
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scenes import CUBE, model
 
+from benchmarks.energy import mechanical_energy, potential_energy
 from sim import Scene, simulate
-from sim.measure.energy import mechanical_energy, potential_energy
 
 G, WATER = 9.81, 1025.0
 

@@ -5,7 +5,7 @@ import pytest
 
 from independent import MODELS, status_of
 from sim import Sea
-from sim.measure.statistics import spectra
+from sim.runs.statistics import spectra
 
 SHORT = ("--duration", "6", "--quiet")
 

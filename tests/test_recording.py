@@ -16,15 +16,15 @@ from scenes import CUBE, WAVES, model
 
 from independent import MODELS, ROUND_OFF
 from sim import Recorder, Scene, Sea, Tally, Wave, read_series, simulate
-from sim.coupling.motions import Motions
-from sim.drawing.display_mesh import DisplayMeshes, shaded_corners, with_hue_turned
-from sim.drawing.frame import Artist, thinned
-from sim.drawing.look import sea_in_words, side_by_side_blueprint
-from sim.drawing.output import Output
-from sim.drawing.recorder import SceneWriter
-from sim.drawing.twins import GOLDEN_TURN
-from sim.drawing.waterline_curves import WATERLINE_ERROR
 from sim.geometry import rotation_matrix
+from sim.recording.display_mesh import DisplayMeshes, shaded_corners, with_hue_turned
+from sim.recording.frame import Artist, thinned
+from sim.recording.look import sea_in_words, side_by_side_blueprint
+from sim.recording.output import Output
+from sim.recording.recorder import SceneWriter
+from sim.recording.twins import GOLDEN_TURN
+from sim.recording.waterline_curves import WATERLINE_ERROR
+from sim.runs.motions import Motions
 
 FLOAT32 = 1e-6
 """Relative error of positions: Rerun keeps them in single precision."""

@@ -13,9 +13,9 @@ import pytest
 from scenes import CUBE, xml
 
 from independent import MODELS, REPOSITORY, status_of
-from sim.coupling import numbers
-from sim.coupling.custom_fields import METHOD, PRESSURE
-from sim.coupling.numbers import NUMERICS, Number
+from sim.mjcf import numbers
+from sim.mjcf.custom_fields import METHOD, PRESSURE
+from sim.mjcf.numbers import NUMERICS, Number
 
 SCRIPTS = sorted(path.name for path in (REPOSITORY / "scripts").glob("*.py"))
 SCRIPTS.remove("command_line.py")

@@ -13,7 +13,7 @@ from rerun.chunk import RrdReader
 
 from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
 from sim import Scene, Tally, simulate
-from sim.drawing.reader import reader
+from sim.recording.reader import reader
 
 RUN = [sys.executable, str(REPOSITORY / "scripts" / "run.py")]
 

@@ -8,7 +8,7 @@ import pytest
 
 from independent import three_waves
 from sim import Sea, Wave
-from sim.water.fit import fitted_waves, newton_steps
+from sim.methods.patches.fit import fitted_waves
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
@@ -19,6 +19,7 @@ from sim.water.gerstner import (
     solve_point,
     wave_sums,
 )
+from sim.water.samples import newton_steps
 from sim.water.sea import ELEVATION_ERROR
 
 MAP_ROUND_OFF = 1e-12  # m, of positions within some tens of metres

@@ -21,7 +21,7 @@ from scenes import CUBE, WATER, WAVES, afloat, model, xml
 import sim
 from independent import MODELS, REPOSITORY
 from sim import Buoyancy, ModelError, Note, Scene
-from sim.coupling import seam
+from sim.plugin import seam
 
 DRAG = '<numeric name="drag" data="0.2 1.0 0.005"/>'
 FULLPHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS

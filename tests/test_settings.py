@@ -8,7 +8,7 @@ from scenes import CUBE, WAVES, afloat, model, xml
 
 from independent import MODELS, status_of
 from sim import ModelError, Scene, Sea, Wave
-from sim.coupling.files import model_files
+from sim.mjcf.files import model_files
 from sim.water.spectrum import bretschneider, ochi_hubble, pierson_moskowitz
 
 JONSWAP = '<numeric name="sea_jonswap" data="0.3 3 3.3 10"/>'

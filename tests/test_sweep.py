@@ -14,10 +14,10 @@ from scenes import CUBE, WAVES, model, xml
 
 from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
 from sim import Scene, simulate
-from sim.measure.series import NAMES, Series
-from sim.measure.statistics import heights, start_times
-from sim.measure.sweep import Plan, Run, kept_rows, perform, runs_of
-from sim.measure.tables import read_columns, write_columns
+from sim.runs.series import NAMES, Series
+from sim.runs.statistics import heights, start_times
+from sim.runs.sweep import Plan, Run, kept_rows, perform, runs_of
+from sim.runs.tables import read_columns, write_columns
 
 SWEEP = [sys.executable, str(REPOSITORY / "scripts" / "sweep.py")]
 SHORT = ("--duration", "4", "--warm-up", "1")

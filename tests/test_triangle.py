@@ -5,7 +5,7 @@ import pytest
 
 from independent import DENSITY, GRAVITY, ROUND_OFF, clip, meshes, quadrature_wrench
 from sim import Hull, wet_triangles_wrench
-from sim.triangle import clip_dry_part
+from sim.hulls.triangle import clip_dry_part
 
 
 def random_triangles(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

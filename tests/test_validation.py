@@ -5,10 +5,9 @@ import json
 import make_scenes
 import numpy as np
 import pytest
-import validate
 
+from benchmarks import validate, validation
 from sim import Hull
-from sim.measure import validation
 
 
 def test_every_row_holds_or_says_why_not(tmp_path, capsys):

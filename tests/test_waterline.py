@@ -6,8 +6,8 @@ import trimesh
 
 from independent import load_mesh, meshes, random_rotation, three_waves, volume_below
 from sim import Sea
-from sim.drawing.display_mesh import refined
-from sim.drawing.waterline_curves import WATERLINE_ERROR, faces_across, heads, waterlines
+from sim.recording.display_mesh import refined
+from sim.recording.waterline_curves import WATERLINE_ERROR, faces_across, heads, waterlines
 
 ROUND_OFF = 1e-12
 

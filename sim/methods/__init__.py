@@ -11,11 +11,11 @@ Scenes and command lines name a method by a text, its own settings behind colons
     reference[:tolerance]        of density * gravity * volume
 """
 
-from sim.hull import Hull
+from sim.hulls.hull import Hull
 from sim.methods.chord import Chord
 from sim.methods.linear import Linear
 from sim.methods.method import Batch, Method, Place, Settings
-from sim.methods.patches import Patches
+from sim.methods.patches.patches import Patches
 from sim.methods.reference import Reference
 from sim.water.sea import Sea
 

@@ -19,7 +19,7 @@ from typing import Self
 import numpy as np
 
 from sim.geometry import cross, placed
-from sim.hull import Hull
+from sim.hulls.hull import Hull
 from sim.kernels import kernel, record
 from sim.methods.linear import (
     Linear,

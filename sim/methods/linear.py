@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.geometry import cross, placed, sides
-from sim.hull import Hull
+from sim.hulls.hull import Hull
+from sim.hulls.triangle import clip_dry_part
 from sim.kernels import inline, kernel, packed, read_only, record, table
 from sim.methods.method import PLACE, Compiled, Kernel, Part, Place
-from sim.triangle import clip_dry_part
 from sim.water.gerstner import WATER, WAVE, level_and_rise
 from sim.water.head import solve_heads
 from sim.water.sea import Sea

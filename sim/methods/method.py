@@ -11,7 +11,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.hull import Hull
+from sim.hulls.hull import Hull
 from sim.kernels import address_of, kernel, record
 from sim.water.sea import Sea
 

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.geometry import area_vectors, areas
-from sim.hull import Hull
+from sim.hulls.hull import Hull
+from sim.hulls.triangle import clipped, gauss_rule, sum_wet
 from sim.methods.method import Method, Settings, expect_at_most, pose_arrays
-from sim.triangle import clipped, gauss_rule, sum_wet
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.geometry import cone_moments, cone_volumes, inertia_of, moved_matrix
-from sim.hull import Hull
+from sim.hulls.hull import Hull
 
 Array = NDArray[np.float64]
 

@@ -33,10 +33,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.geometry import area_vectors, areas, cross, placed, split_triangles
-from sim.hull import Hull
+from sim.hulls.hull import Hull
 from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
 from sim.resistance.added_mass import added_mass_matrix, damping_matrix
-from sim.water.fit import SAFETY, newton_steps
 from sim.water.gerstner import (
     LABELS,
     WATER,
@@ -48,6 +47,7 @@ from sim.water.gerstner import (
 )
 from sim.water.head import depth
 from sim.water.motion import MOTION, VELOCITY, water_motion
+from sim.water.samples import SAFETY, newton_steps
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]

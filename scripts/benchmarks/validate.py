@@ -1,0 +1,142 @@
+"""Hold the package against what others have published and against closed forms.
+
+    python scripts/benchmarks/validate.py [--quick] [--panel-code] [--markdown FILE] [--json FILE]
+
+Exit status: 0 when all rows hold but those whose gap is known and said, 1 when another does not,
+2 on unusable input, 4 when a file cannot be written.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from command_line import (
+    UNWRITABLE,
+    Parser,
+    check_outputs,
+    check_writable,
+    loading_notice,
+    notes_said,
+    print_table,
+    refusal,
+    run_script,
+    say_errors,
+    write_json,
+    write_whole,
+)
+
+import argparse
+from collections.abc import Iterator
+from importlib.util import find_spec
+from typing import Any
+
+import make_scenes
+import numpy as np
+
+from benchmarks import validation
+from benchmarks.panel_code import floating_body, radiation, response
+from sim import Hull
+
+TITLES = ("published", "ours", "unit", "source", "verdict")
+"""Of the columns behind the first, which is titled by its group."""
+
+
+def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
+    parser = Parser("validate.py", __doc__)
+    parser.add_argument(
+        "--quick", action="store_true", help="half a minute: leave out what repeats"
+    )
+    parser.add_argument("--markdown", type=Path, metavar="FILE.md", help="write the table there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers there")
+    parser.add_argument(
+        "--panel-code", action="store_true",
+        help="compute the Wigley hull's numbers anew by Capytaine (pip install '.[bem]')",
+    )  # fmt: skip
+    return parser.parse_args(arguments)
+
+
+def rows(hull: Hull, quick: bool) -> Iterator[dict[str, Any]]:
+    """Each check measured, under the keys of --json."""
+    for check in validation.checks(hull, quick):
+        found = check.measure()
+        yield {
+            "group": check.group, "what": check.what, "low": check.low, "high": check.high,
+            "ours": found, "unit": check.unit, "source": check.source,
+            "verdict": check.verdict(found), "is_known_gap": bool(check.known_gap),
+        }  # fmt: skip
+
+
+def tables(found: list[dict[str, Any]]) -> Iterator[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
+    """Titles and rows of the table of each group."""
+    for group in dict.fromkeys(row["group"] for row in found):
+        yield (group, *TITLES), [cells(row) for row in found if row["group"] == group]
+
+
+def cells(row: dict[str, Any]) -> tuple[str, ...]:
+    """A row as it is printed."""
+    band = f"{row['low']:.5g} to {row['high']:.5g}"
+    return row["what"], band, f"{row['ours']:.4g}", row["unit"], row["source"], row["verdict"]
+
+
+def markdown(found: list[dict[str, Any]]) -> str:
+    """The tables as a README takes them."""
+    text = ""
+    for titles, table in tables(found):
+        lines = [titles, ("---",) * len(titles), *table]
+        text += "".join(f"| {' | '.join(line)} |\n" for line in lines) + "\n"
+    return text
+
+
+def print_panel_code(hull: Hull) -> None:
+    """The Wigley hull's added mass and damping in a wave as long as itself, and its responses."""
+    g, rho = validation.GRAVITY, validation.DENSITY
+    body = floating_body(hull, validation.WIGLEY_CENTRE)
+    length = float(np.ptp(hull.bounds[:, 0]))
+    added, damping = radiation(body, np.sqrt(2.0 * np.pi * g / length), rho, g)
+    with np.printoptions(precision=2, suppress=True):
+        print(f"added mass in surge, heave and pitch [kg, kg m, kg m^2]\n{added}")
+        print(f"damping [N s/m, N s, N m s]\n{damping}")
+    mass = np.diag([validation.WIGLEY_MASS, validation.WIGLEY_INERTIA[1]])
+    stiffness = validation.wigley_stiffness(hull)
+    print("wavelength over length, heave [m/m], pitch [rad/ka]")
+    for ratio in validation.WIGLEY_RESPONSES:
+        wavenumber = 2.0 * np.pi / (ratio * length)
+        heave, pitch = response(body, np.sqrt(g * wavenumber), mass, stiffness, rho, g)
+        print(f"{ratio:g}  {heave:.3f}  {pitch / wavenumber:.3f}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse_arguments(arguments)
+    try:
+        if options.panel_code and find_spec("capytaine") is None:
+            raise ValueError(
+                "--panel-code needs capytaine, which is not installed; run: pip install '.[bem]'"
+            )
+        check_outputs((options.markdown, options.json), [])
+        check_writable(options.markdown)
+        check_writable(options.json)
+    except (ValueError, OSError) as error:
+        return refusal("validate.py", error)
+    hull = Hull(*make_scenes.wigley())
+    if options.panel_code:
+        print_panel_code(hull)
+        return 0
+    with loading_notice(quiet=False), notes_said("validate.py", quiet=True):  # bars do turn over
+        found = list(rows(hull, options.quick))
+    for titles, table in tables(found):
+        print_table(titles, table)
+        print()
+    try:
+        if options.markdown is not None:
+            text = markdown(found)
+            write_whole(options.markdown, lambda beside: beside.write_text(text))
+        write_json(options.json, found)
+    except OSError as error:
+        say_errors("validate.py", error)
+        return UNWRITABLE
+    return int(any(r["verdict"] != "holds" and not r["is_known_gap"] for r in found))
+
+
+if __name__ == "__main__":
+    run_script(main)

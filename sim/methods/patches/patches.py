@@ -1,0 +1,546 @@
+"""Patches: the work follows the sea, not the mesh.
+
+Over a small region the head is a cubic: its value and derivatives up to the third at a point, its
+*jet*, from one Newton solve. It is not Taylor's cubic, but nearly the
+best one over the region (`water.fit`), at the same cost. In the body frame the head above a
+place d from the region's centre is then a polynomial
+
+    head(d) = h + G . d + d . Q d / 2 + C(d, d, d) / 6
+
+(for hydrostatic pressure, whose jet is the surface's: h = elevation - z, G = R^T (slope, -1),
+Q = R^T diag(curvature, 0) R, C the third derivatives turned likewise), and the wrench of a piece of
+surface that is wet all over is linear in its twenty coefficients, with integrals over that piece as
+factors, which are known beforehand: its *moments*.
+
+Once, when hull and sea are known, the hull is cut into *patches* small enough for the
+jet to hold to the tolerance (`fit.jet_radius`), each with a tree of nodes below it
+(`patch_tree`). A step is then
+
+1. one jet for each patch, all together (none for a patch above the highest crest, nor for one that
+   turns out to be out of the water's reach when the height of the surface is known);
+2. for each patch a walk through its tree: a node that is surely dry adds nothing, one that is
+   surely wet its moments times the coefficients, and only nodes on the waterline are opened;
+3. at the leaves, heads of the vertices from the polynomial and the straight clip.
+
+The work grows with the number of wavelets under the hull and the length of the waterline, not
+with the number of triangles, and no sine or cosine is taken outside of step 1.
+
+In an opened leaf heads are linear over each triangle. What the polynomial has beyond that is
+added in proportion to how much of the leaf is wet, so a leaf that comes to be wet all over has
+the very value of its moments, and forces do not jump when nodes open or close.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.geometry import cross, placed
+from sim.hulls.hull import Hull
+from sim.hulls.triangle import clip_dry_part
+from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
+from sim.methods.linear import write_turned
+from sim.methods.method import Compiled, Kernel, Part, Place, Settings, expect_at_most
+from sim.methods.patches.fit import SHIFT, jet_waves, steepest_slope
+from sim.methods.patches.polynomial import (
+    BENDING,
+    LINEAR,
+    MONOMIALS,
+    POLYNOMIAL,
+    QUADRATICS,
+    bend_at,
+    decayed_polynomials,
+    five,
+    head_and_slope,
+    head_polynomials,
+    monomials,
+)
+from sim.methods.patches.sizes import cut, default_tolerance
+from sim.methods.patches.tree import (
+    LEAF,
+    LEAF_TRIANGLES,
+    LEAF_VERTICES,
+    MOMENTS,
+    NODE,
+    PATCH,
+    PatchTree,
+    corner,
+    corner_set,
+    joined,
+    odd_corner_first,
+)
+from sim.water.gerstner import WATER, WAVE, level_and_rise
+from sim.water.head_jets import HEAD_JET, solve_head_jets
+from sim.water.jets import JET, Near, near_particles, solve_jets
+from sim.water.samples import SAFETY, newton_steps
+from sim.water.sea import Sea
+
+Array = NDArray[np.float64]
+Table = NDArray[np.void]
+
+INSTANCE = record(pose="i8", row="i8", first="i8", end="i8", tree="i8")
+"""A hull of a batch: rows of its pose and its wrench, its first patch and where they end, and the
+number of its tree."""
+
+SOLVE = record(steps="i8", residual="f8", waves="i8", reach="f8")
+"""Newton steps to a jet and the residual [m] that it may keep; how many waves the sea has; and how
+many radii above the surface, as it is over its centre, a patch is out of the water's reach."""
+
+CHOSEN = record(patch="i8", instance="i8", pose="i8")
+"""A patch that the water could reach, of an instance with a pose."""
+
+FOUND = record(node="i8", chosen="i8")
+"""What a walk finds: a wet node, or the leaf of an opened one, and whose patch it is."""
+
+CUT = record(code="i8", opened="i8")
+"""A triangle that the waterline cuts, as `triangle_codes` has it, and the leaf that it is in."""
+
+
+class Water(NamedTuple):
+    """Tables of the sea, as a block has them: fitted waves for each tree, one after the other."""
+
+    waves: Table
+    water: Table
+    solve: Table
+
+
+class Points(NamedTuple):
+    """Centres of patches: x and y in the world, and how far they are above the level, (N,) [m]."""
+
+    x: Array
+    y: Array
+    above: Array
+
+
+class Patches(Compiled):
+    """Wrench of a hull in a sea from jets over patches.
+
+    tolerance [m of water height]: the head inside a patch is right to it, everywhere in the water
+    and always; None for the default, which leaves an error of less than 1e-3 of the displaced
+    water's weight in the force, or for what can be kept of it (see `patch_sizes`). Raises
+    ValueError for a tolerance that is not positive or asks for too many patches.
+
+    is_coarse: whether it is the latter; tree: the hull cut for this sea; radius [m]: of the largest
+    patch allowed, inf on flat water; fitted: the sea's components that this hull's jets are made
+    of, those that the radius was found with. Over smaller discs the error may be larger, where a
+    wave is shorter than a patch.
+    """
+
+    takes_tolerance = True
+
+    def __init__(self, hull: Hull, sea: Sea, tolerance: float | None = None) -> None:
+        if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
+            raise ValueError(
+                f"the tolerance is {tolerance} m of water height; it must be finite and above 0"
+            )
+        super().__init__(hull, sea)
+        sizes, self.tree = cut(hull, sea, tolerance)
+        self.radius, self.tolerance = sizes.radius, sizes.tolerance
+        self.is_coarse = sizes.is_coarse
+        if self.is_coarse:
+            self.notes = (
+                f"the water's height is kept to {self.tolerance:.2g} m instead of "
+                f"{default_tolerance(hull):.2g}, as much as {len(self.tree.patches)} patches can "
+                "in waves so steep or so short; a buoyancy_tolerance of your own is kept or "
+                "refused",
+            )
+        self.fitted = jet_waves(sea, self.radius)
+        self._prepare()
+
+    @classmethod
+    def from_text(cls, hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Self:
+        expect_at_most(1, arguments)
+        return cls(hull, sea, float(arguments[0]) if arguments else settings.tolerance)
+
+    @classmethod
+    def kernel(cls) -> Kernel:
+        return patches_wrenches
+
+    @classmethod
+    def parts(cls, methods: Sequence[Self], places: Sequence[Place], count: int) -> list[Part]:
+        """Hulls with the same tree share it; all parts share one block. Raises ValueError for hulls
+        of different seas."""
+        sea = methods[0].sea
+        if any(method.sea is not sea for method in methods):
+            raise ValueError("the hulls of a batch float in one sea; make a batch for each sea")
+        of_trees = list({id(method.tree): method for method in methods}.values())
+        numbers = {id(method.tree): i for i, method in enumerate(of_trees)}
+        first = np.cumsum([0] + [len(method.tree.patches) for method in of_trees])
+        which = [numbers[id(method.tree)] for method in methods]
+        instances = np.array(
+            [
+                (place.pose, place.row, first[w], first[w + 1], w)
+                for w, place in zip(which, places, strict=True)
+            ],
+            INSTANCE,
+        )
+        residual = SHIFT * min(method.tree.patches["radius"].max() for method in methods)
+        steps, _ = newton_steps(sea, residual / SAFETY)
+        slope = steepest_slope(sea)
+        reach = np.hypot(1.0, slope) + SHIFT * slope  # the heights are those of particles near by
+        solve = np.array([(steps, residual, len(sea.components), reach)], SOLVE)
+        waves = np.concatenate([method.fitted for method in of_trees])
+        block = packed(*joined([m.tree for m in of_trees]), waves, sea.water, solve)
+        instances = instances[np.argsort(which, kind="stable")]
+        dealt = [instances[i::count] for i in range(min(count, len(instances)))]
+        dealt.sort(key=lambda part: -np.sum(part["end"] - part["first"]))
+        return [Part(block, read_only(np.ascontiguousarray(part))) for part in dealt]
+
+    def heads_at_vertices(
+        self, position: ArrayLike, rotation: ArrayLike, time: float
+    ) -> tuple[Array, Array]:
+        """What the patches take for the heads at the vertices of all their triangles, for looking
+        at their error: places (N, 3) [m] in the world and heads (N,) [m] there, NaN out of the
+        water's reach."""
+        positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
+        rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
+        chosen, reached = polynomials_of(*self._alone, positions, rotations, float(time))
+        patches, leaves = self.tree.patches, self.tree.leaves
+        coefficients = np.full((len(patches), MONOMIALS), np.nan)
+        coefficients[chosen["patch"]] = reached["c"]
+        patch = np.searchsorted(
+            patches["end"], np.flatnonzero(self.tree.nodes["leaf"] >= 0), side="right"
+        )
+        places = np.stack([leaves[axis] for axis in "xyz"], axis=-1)
+        heads = np.einsum("lvm,lm->lv", monomials(places), coefficients[patch])
+        centres = np.stack([patches[axis][patch] for axis in "xyz"], axis=-1)
+        places = (places + centres[:, None]).reshape(-1, 3) @ rotations.reshape(3, 3).T
+        return places + positions, heads.ravel()
+
+
+@inline
+def tree_of(block):
+    """Tables of the hulls of a block."""
+    return PatchTree(
+        table(block, 0, PATCH),
+        table(block, 1, NODE),
+        table(block, 2, MOMENTS),
+        table(block, 3, LEAF),
+    )
+
+
+@inline
+def water_of(block):
+    """Tables of the sea of a block."""
+    return Water(table(block, 4, WAVE), table(block, 5, WATER), table(block, 6, SOLVE))
+
+
+@kernel
+def most_patches(instances):
+    """How many patches the instances have together."""
+    count = 0
+    for i in range(instances.size):
+        count += instances[i].end - instances[i].first
+    return count
+
+
+@kernel
+def patches_below_crests(
+    patches, instances, water, time, positions, rotations, points_out, chosen_out
+):
+    """All patches that the highest crest could reach: their centres, and who they are. Returns how
+    many."""
+    level, _ = level_and_rise(water, time)
+    count = 0
+    for i in range(instances.size):
+        first, end, pose = instances[i].first, instances[i].end, instances[i].pose
+        position, rotation = positions[pose], rotations[pose]
+        for p in range(first, end):
+            patch = patches[p]
+            x, y, z = placed(patch.x, patch.y, patch.z, position, rotation)
+            points_out.x[count], points_out.y[count], points_out.above[count] = x, y, z - level
+            chosen = chosen_out[count]
+            chosen.patch, chosen.instance, chosen.pose = p, i, pose
+            count += not z - level > water.amplitude + patch.radius
+    return count
+
+
+@inline
+def end_of_tree(start, chosen, instances):
+    """Where the run of chosen patches ends that are of the same tree as that at `start`."""
+    tree, end = instances[chosen[start].instance].tree, start
+    while end < chosen.size and instances[chosen[end].instance].tree == tree:
+        end += 1
+    return end
+
+
+@kernel
+def walk(tree, chosen, polynomials, wet_out, opened_out):
+    """Walk the trees of the chosen patches: the surely wet nodes, and the leaves that the waterline
+    may cross, FOUND both; returns how many of each."""
+    wet_count, opened_count = 0, 0
+    for i in range(chosen.size):
+        p, patch = polynomials[i], tree.patches[chosen[i].patch]
+        # the middle of the box of points in a ball is at most 1.1 radii from the ball's, and so
+        # 2.1 from a point: of the cubic around it 3 C(middle, u, u) + C(u, u, u)
+        bend = p.bound_2 + (3.0 * 1.1 + 2.1) * patch.radius * p.bound_3
+        node, end = patch.first, patch.end
+        while node < end:
+            box = tree.nodes[node]
+            u, v, w = box.half_x, box.half_y, box.half_z
+            value, gx, gy, gz = head_and_slope(p.c, box.x, box.y, box.z)
+            slack = abs(gx) * u + abs(gy) * v + abs(gz) * w + bend * (u * u + v * v + w * w)
+            if value <= -slack:
+                node = box.after
+            elif value >= slack:
+                wet_out[wet_count].node, wet_out[wet_count].chosen = node, i
+                wet_count += 1
+                node = box.after
+            else:
+                if box.leaf >= 0:
+                    opened = opened_out[opened_count]
+                    opened.node, opened.chosen = box.leaf, i
+                    opened_count += 1
+                node += 1
+    return wet_count, opened_count
+
+
+@inline
+def add_products(factors, first, count, rows, sums_out, at):
+    """Add the products of a (6, count) array with a vector's part to the sums of an instance."""
+    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # in registers, unlike the sums
+    for i in range(count):
+        f = factors[first + i]
+        b0 += f * rows[0, i]
+        b1 += f * rows[1, i]
+        b2 += f * rows[2, i]
+        b3 += f * rows[3, i]
+        b4 += f * rows[4, i]
+        b5 += f * rows[5, i]
+    add_six(sums_out, at, b0, b1, b2, b3, b4, b5)
+
+
+@inline
+def add_six(sums_out, i, b0, b1, b2, b3, b4, b5):
+    """Add six numbers to the sums of instance i."""
+    sums_out[i, 0] += b0
+    sums_out[i, 1] += b1
+    sums_out[i, 2] += b2
+    sums_out[i, 3] += b3
+    sums_out[i, 4] += b4
+    sums_out[i, 5] += b5
+
+
+@summing_kernel
+def add_wet_nodes(wet, moments, chosen, polynomials, sums_out):
+    """Add the moments of the surely wet nodes to their instances' sums (H, 6)."""
+    for n in range(wet.size):
+        m, i = moments[wet[n].node], wet[n].chosen
+        factors, at = polynomials[i].c, chosen[i].instance
+        add_products(factors, 0, LINEAR, m.linear, sums_out, at)
+        add_products(factors, LINEAR, BENDING, m.bending, sums_out, at)
+
+
+@inline
+def leaf_heads(c, leaf, heads_out, n):
+    """Heads [m] of a leaf's vertices, from a polynomial, into row n."""
+    q0, q1, q2, q3, q4 = five(c, 0)
+    q5, q6, q7, q8, q9 = five(c, 5)
+    q10, q11, q12, q13, q14 = five(c, 10)
+    q15, q16, q17, q18, q19 = five(c, 15)
+    for v in range(LEAF_VERTICES):
+        x, y, z = leaf.x[v], leaf.y[v], leaf.z[v]
+        heads_out[n, v] = (
+            q0
+            + x * (q1 + x * (q4 + x * q10 + y * q11 + z * q12)
+                   + y * (q5 + y * q13 + z * q14) + z * (q6 + z * q15))
+            + y * (q2 + y * (q7 + y * q16 + z * q17) + z * (q8 + z * q18))
+            + z * (q3 + z * (q9 + z * q19))
+        )  # fmt: skip
+
+
+@inline
+def wet_vertices(heads, n):
+    """The set of wet vertices in row n as bits."""
+    wet = 0
+    for v in range(LEAF_VERTICES):
+        wet |= (1 if heads[n, v] > 0.0 else 0) << v
+    return wet
+
+
+@inline
+def add_wet_vertices(heads, n, leaf, sums_out, at):
+    """Add the sum over a leaf's wet vertices to an instance's sums, and return which share of the
+    leaf is wet: the sum of the heads above 0 over that of all heads' sizes, 0 for a dry leaf, 1
+    for a wet one, and continuous in between."""
+    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    wet, total = 0.0, 0.0
+    for v in range(LEAF_VERTICES):
+        positive = max(heads[n, v], 0.0)
+        wet += positive
+        total += abs(heads[n, v])
+        b0 += positive * leaf.weights[0, v]
+        b1 += positive * leaf.weights[1, v]
+        b2 += positive * leaf.weights[2, v]
+        b3 += positive * leaf.weights[3, v]
+        b4 += positive * leaf.weights[4, v]
+        b5 += positive * leaf.weights[5, v]
+    add_six(sums_out, at, b0, b1, b2, b3, b4, b5)
+    return wet / total
+
+
+@summing_kernel
+def add_opened_leaves(opened, leaves, chosen, polynomials, heads_out, cut_out, sums_out):
+    """Add the leaves that the waterline may cross to their instances' sums (H, 6), as if
+    their triangles reached down to the last wet vertex: over the wet vertices, and the polynomial's
+    part beyond linear heads in proportion to the wet share. Leaves the heads (., LEAF_VERTICES) and
+    the CUT triangles; returns how many."""
+    count = 0
+    bend = np.zeros(QUADRATICS)
+    for n in range(opened.size):
+        leaf, i = leaves[opened[n].node], opened[n].chosen
+        at, c = chosen[i].instance, polynomials[i].c
+        leaf_heads(c, leaf, heads_out, n)
+        wet = wet_vertices(heads_out, n)
+        if wet == 0:
+            continue
+        share = add_wet_vertices(heads_out, n, leaf, sums_out, at)
+        bend_at(c, leaf, share, bend)
+        add_products(bend, 0, QUADRATICS, leaf.bends, sums_out, at)
+        for t in range(LEAF_TRIANGLES):
+            code = leaf.triangles[t]
+            cut_out[count].code, cut_out[count].opened = code, n
+            corners = corner_set(code)
+            count += (wet & corners != 0) & (wet & corners != corners)
+    return count
+
+
+@kernel
+def subtract_dry_parts(cut, opened, heads, tree, chosen, sums_out):
+    """Take from the sums (H, 6) over wet vertices what the clip takes of the triangles that are
+    cut. A loop of their own, because nothing in it depends on which they are."""
+    for n in range(cut.size):
+        code, at = cut[n].code, cut[n].opened
+        leaf, i = tree.leaves[opened[at].node], opened[at].chosen
+        patch = tree.patches[chosen[i].patch]
+        code = odd_corner_first(code, heads, at)
+        a, b, c = corner(code, 0), corner(code, 1), corner(code, 2)
+        ax, ay, az = leaf.x[a], leaf.y[a], leaf.z[a]
+        bx, by, bz = leaf.x[b], leaf.y[b], leaf.z[b]
+        cx, cy, cz = leaf.x[c], leaf.y[c], leaf.z[c]
+        sx, sy, sz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
+        px, py, pz = patch.x, patch.y, patch.z
+        share, mx, my, mz = clip_dry_part(
+            ax + px, ay + py, az + pz, bx + px, by + py, bz + pz, cx + px, cy + py, cz + pz,
+            heads[at, a], heads[at, b], heads[at, c],
+        )  # fmt: skip
+        tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
+        add_six(
+            sums_out, chosen[i].instance, -0.5 * share * sx, -0.5 * share * sy, -0.5 * share * sz,
+            -0.5 * tx, -0.5 * ty, -0.5 * tz,
+        )  # fmt: skip
+
+
+@inline
+def first_points(points, count):
+    """The first of them."""
+    return Points(points.x[:count], points.y[:count], points.above[:count])
+
+
+@inline
+def first_particles(near, count):
+    """The first of them."""
+    return Near(near.label_x[:count], near.label_y[:count], near.height[:count])
+
+
+@kernel
+def keep_reached(patches, reach, points_out, near_out, chosen_out):
+    """Move those that the water can reach to the front, of CHOSEN patches at Points with particles
+    Near them; returns how many they are."""
+    points, near, kept = points_out, near_out, 0
+    for i in range(chosen_out.size):
+        radius = patches[chosen_out[i].patch].radius
+        points.x[kept], points.y[kept] = points.x[i], points.y[i]
+        points.above[kept] = points.above[i]
+        near.label_x[kept], near.label_y[kept] = near.label_x[i], near.label_y[i]
+        near.height[kept] = near.height[i]
+        chosen_out[kept] = chosen_out[i]
+        kept += not points.above[i] - near.height[i] > reach * radius
+    return kept
+
+
+@kernel
+def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomials_out):
+    """Polynomials (N,) of the heads around the chosen patches' centres from fitted waves."""
+    x, y, above, residual = points.x, points.y, points.above, sea.solve[0].residual
+    if sea.water[0].decays and waves.size > 0:
+        jets = np.empty(x.size, HEAD_JET)
+        solve_head_jets(x, y, above, near, waves, time, residual, jets)
+        decayed_polynomials(jets, chosen, rotations, polynomials_out)
+    else:
+        jets = np.empty(x.size, JET)
+        solve_jets(x, y, near, waves, time, residual, jets)
+        head_polynomials(jets, above, chosen, rotations, polynomials_out)
+
+
+@kernel
+def reached_polynomials(tree, sea, instances, positions, rotations, time):
+    """The patches that the water could reach, CHOSEN, and the POLYNOMIAL of the head over each."""
+    most, solve = most_patches(instances) + 1, sea.solve[0]
+    points = Points(np.empty(most), np.empty(most), np.empty(most))
+    chosen = np.empty(most, CHOSEN)
+    below_crests = patches_below_crests(
+        tree.patches, instances, sea.water[0], time, positions, rotations, points, chosen
+    )
+    polynomials = np.empty(below_crests, POLYNOMIAL)
+    start, count = 0, 0
+    while start < below_crests:
+        end = end_of_tree(start, chosen[:below_crests], instances)
+        number = instances[chosen[start].instance].tree
+        waves = sea.waves[number * solve.waves : (number + 1) * solve.waves]
+        run = Points(points.x[start:end], points.y[start:end], points.above[start:end])
+        near = near_particles(run.x, run.y, waves, time, solve.steps)
+        kept = keep_reached(tree.patches, solve.reach, run, near, chosen[start:end])
+        to = slice(count, count + kept)
+        for i in range(kept):
+            chosen[count + i] = chosen[start + i]
+        set_polynomials(
+            sea, waves, first_points(run, kept), first_particles(near, kept), time, chosen[to],
+            rotations, polynomials[to],
+        )  # fmt: skip
+        start, count = end, count + kept
+    return chosen[:count], polynomials[:count]
+
+
+@kernel
+def surface_sums(tree, chosen, polynomials, sums_out):
+    """Add the wet surface of all chosen patches to their instances' sums (H, 6)."""
+    most = 0
+    for i in range(chosen.size):
+        most += tree.patches[chosen[i].patch].end - tree.patches[chosen[i].patch].first
+    wet, opened = np.empty(most, FOUND), np.empty(most, FOUND)
+    wet_count, count = walk(tree, chosen, polynomials, wet, opened)
+    add_wet_nodes(wet[:wet_count], tree.moments, chosen, polynomials, sums_out)
+    heads = np.empty((count, LEAF_VERTICES))
+    cut = np.empty(count * LEAF_TRIANGLES + 1, CUT)
+    cut_count = add_opened_leaves(
+        opened[:count], tree.leaves, chosen, polynomials, heads, cut, sums_out
+    )
+    subtract_dry_parts(cut[:cut_count], opened, heads, tree, chosen, sums_out)
+
+
+@kernel
+def polynomials_of(block, instances, positions, rotations, time):
+    """`reached_polynomials` of a block."""
+    tree, sea = tree_of(block), water_of(block)
+    return reached_polynomials(tree, sea, instances, positions, rotations, time)
+
+
+@kernel
+def patches_wrenches(block, instances, positions, rotations, time, wrenches_out):
+    """See `Compiled`."""
+    tree, sea = tree_of(block), water_of(block)
+    chosen, polynomials = reached_polynomials(tree, sea, instances, positions, rotations, time)
+    scale = sea.water[0].scale
+    sums, turn = np.zeros((instances.size, 6)), np.empty(9)
+    if chosen.size > 0:
+        surface_sums(tree, chosen, polynomials, sums)
+    for i in range(instances.size):
+        position, rotation = positions[instances[i].pose], rotations[instances[i].pose]
+        factor = scale
+        if not np.isfinite(np.sum(position) + np.sum(rotation)):
+            factor = np.nan  # else no node would be wet and the hull would seem to be dry
+        for j in range(9):
+            turn[j] = factor * rotation[j]
+        write_turned(sums[i], turn, 1.0, wrenches_out[instances[i].row])

@@ -1,0 +1,510 @@
+"""Patch tree: a hull's surface cut into patches, with all that a step needs prepared.
+
+See `patches` for what it is for. Heads are polynomials in d, the place relative to the patch's
+centre, over twenty monomials. For each node of the tree the integrals of
+
+    monomial(d) n        and        r x monomial(d) n        (r from the hull frame's origin)
+
+over its surface are the *moments*: a surely wet node contributes the head's coefficients
+times its moments, exactly. Everything here happens once, in plain NumPy.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.geometry import across, area_vectors, cross, distinct_points, sides, split_triangles
+from sim.hulls.hull import Hull
+from sim.hulls.triangle import gauss_rule
+from sim.kernels import inline, kernel, record
+from sim.methods.linear import corner_shares
+from sim.methods.patches.polynomial import (
+    BENDING,
+    LINEAR,
+    MONOMIALS,
+    QUADRATICS,
+    local_quadratic,
+    monomials,
+)
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Table = NDArray[np.void]
+
+LEAF_TRIANGLES = LEAF_VERTICES = 24
+"""A node with no more of them is not divided further: fewer make a deeper tree and more leaves on
+the waterline, more make more open triangles that the waterline does not touch. All leaves have
+room for so many, so that loops over them have a fixed length and vectorise whole; a multiple of
+gerstner.LANES, at most 32."""
+
+APART = 1.5
+"""A triangle farther than so many radii from all seeds of patches becomes one itself."""
+
+LLOYD_ROUNDS, MORE_SEEDS = 15, 10
+"""How often seeds move, and how often there are more of them: beyond that little changes."""
+
+MOST_CLUSTERS = 64
+"""What needs more patches than that is halved before it is clustered, which takes a time as the
+number of triangles times that of clusters."""
+
+AXIS_SQUARINGS = 8
+"""Of a matrix of spread, to its 256th power: an axis in which triangles spread 1.1 times as much as
+in another is then known to 1e-10, and between others the choice does not matter."""
+
+TINY = 1e-300
+"""Instead of areas that are 0, so that a cluster of such triangles has a middle."""
+
+MAX_TRIANGLES = 2_000_000
+"""Splitting stops here: such a tree takes some gigabytes."""
+
+CORNER_BITS = 5
+"""Bits for a corner in a triangle's code (see `triangle_codes`)."""
+
+CORNER = (1 << CORNER_BITS) - 1
+"""Mask for one of them."""
+
+CORNER_SET = 5 * CORNER_BITS
+"""Where the set of corners begins in a triangle's code."""
+
+PATCH = record(x="f8", y="f8", z="f8", radius="f8", first="i8", end="i8")
+"""Centre and radius [m] of a patch in the body frame, its first node and where its nodes end."""
+
+NODE = record(
+    x="f8", y="f8", z="f8", half_x="f8", half_y="f8", half_z="f8", after="i8", leaf="i8"
+)  # fmt: skip
+"""A node's bounding box [m], its middle from the patch's centre and its half sides, the node after
+its subtree and the number of its leaf, -1 for other nodes. All a walk needs is one line of the
+cache."""
+
+MOMENTS = record(linear=("f8", (6, LINEAR)), bending=("f4", (6, BENDING)))
+"""A node's moments, by group of monomials."""
+
+LEAF = record(
+    x=("f8", LEAF_VERTICES), y=("f8", LEAF_VERTICES), z=("f8", LEAF_VERTICES),
+    weights=("f8", (6, LEAF_VERTICES)), bends=("f8", (6, QUADRATICS)),
+    middle_x="f8", middle_y="f8", middle_z="f8",
+    triangles=("i8", LEAF_TRIANGLES), fills_lines=("f8", 5),
+)  # fmt: skip
+"""A leaf: places of its vertices from the patch's centre [m] and their weights as in `linear`, the
+last ones of no weight; bends, what the quadratic coefficients at the leaf's middle add to the
+vertex sum when all of the leaf is wet; triangles as `triangle_codes` has them, 0 for none."""
+
+
+class PatchTree(NamedTuple):
+    """A hull cut into patches of a given radius: tables of PATCH, NODE, MOMENTS and LEAF. Nodes
+    come in the order of a walk that opens all, moments beside them."""
+
+    patches: Table
+    nodes: Table
+    moments: Table
+    leaves: Table
+
+
+def triangle_codes(corners: Integers) -> Integers:
+    """Triangles (N, 3) of vertices below 32 as one number each: a, b, c, a, b in CORNER_BITS each,
+    from which the corners are read in any order, then the set of corners as bits."""
+    bits = (np.int64(1) << corners).sum(axis=1) << CORNER_SET
+    for place, corner in enumerate((0, 1, 2, 0, 1)):
+        bits |= corners[:, corner] << place * CORNER_BITS
+    return bits
+
+
+@inline
+def corner(code, i):
+    """Corner number i of a triangle's code, 0 to 4: of a, b, c, a, b."""
+    return code >> i * CORNER_BITS & CORNER
+
+
+@inline
+def corner_set(code):
+    """The corners of a triangle's code as bits."""
+    return code >> CORNER_SET
+
+
+@inline
+def odd_corner_first(code, heads, n):
+    """The code of a triangle that the water cuts, turned so that the only wet or the only dry
+    corner comes first; heads of its leaf's vertices in row n."""
+    wet_a = heads[n, corner(code, 0)] > 0.0
+    wet_b = heads[n, corner(code, 1)] > 0.0
+    wet_c = heads[n, corner(code, 2)] > 0.0
+    return code >> CORNER_BITS * ((wet_b != wet_c) * (1 + (wet_a != wet_c)))
+
+
+def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
+    """Cut a hull into patches of at most a radius [m], its triangles split until no edge is longer
+    than `edge` [m] or the radius. Raises ValueError when that makes too many triangles."""
+    edge = min(edge, radius)
+    try:
+        corners = split_triangles(
+            across(hull.vertices[hull.faces], edge),
+            lambda c: sides(c).max(axis=1) > edge,
+            MAX_TRIANGLES,
+        )
+    except ValueError as error:
+        raise ValueError(
+            f"the tolerance asks for triangles with edges below {edge:.3g} m, {error} "
+            "on this hull; ask for a larger tolerance or a calmer sea"
+        ) from None
+    return _Builder(corners, radius).tree()
+
+
+@kernel
+def add_quadratic_moments(corners, which, centres, points, weights, moments_out):
+    """Add to moments (L, 6, 6) of second order those of triangles (N, 3, 3), each to that of its
+    leaf, places taken from the leaves' centres (L, 3); points, weights: of a Gauss rule."""
+    for t in range(corners.shape[0]):
+        leaf = which[t]
+        ax, ay, az = corners[t, 0, 0], corners[t, 0, 1], corners[t, 0, 2]
+        bx, by, bz = corners[t, 1, 0], corners[t, 1, 1], corners[t, 1, 2]
+        cx, cy, cz = corners[t, 2, 0], corners[t, 2, 1], corners[t, 2, 2]
+        sx, sy, sz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
+        for i in range(weights.size):
+            u, v, w, half = points[i, 0], points[i, 1], points[i, 2], 0.5 * weights[i]
+            px, py, pz = (
+                u * ax + v * bx + w * cx,
+                u * ay + v * by + w * cy,
+                u * az + v * bz + w * cz,
+            )
+            tx, ty, tz = cross(px, py, pz, sx, sy, sz)
+            x, y, z = px - centres[leaf, 0], py - centres[leaf, 1], pz - centres[leaf, 2]
+            second = (x * x, x * y, x * z, y * y, y * z, z * z)
+            wrench = (sx, sy, sz, tx, ty, tz)
+            for a in range(6):
+                for b in range(6):
+                    moments_out[leaf, a, b] += half * wrench[a] * second[b]
+
+
+def enclosing_ball(corners: Array, sizes: Array) -> tuple[Array, float]:
+    """Centre (3,) and radius [m] of a ball around triangles (N, 3, 3) of areas (N,). The centre is
+    the middle of the area, not of the bounds: there the jet's errors cancel best."""
+    centre = sizes @ corners.mean(axis=1) / sizes.sum()
+    return centre, float(np.linalg.norm(corners - centre, axis=2).max())
+
+
+def clusters(corners: Array, sizes: Array, radius: float) -> Integers:
+    """Which cluster each of the triangles (N, 3, 3) of areas (N,) belongs to; nearly all clusters
+    lie within a radius [m] of the middles of their areas.
+
+    Triangles farthest from all before become seeds (Gonzalez 1985); each cluster is what is next
+    to a seed, which moves to its middle, and again (Lloyd 1982): that makes clusters round and of
+    like size. Of those still too large the farthest triangle becomes a seed, too.
+    """
+    middles = corners.mean(axis=1)
+    seeds, apart = middles[:1], np.linalg.norm(middles - middles[0], axis=1)
+    while apart.max() > APART * radius:
+        seeds = np.vstack([seeds, middles[apart.argmax()]])
+        apart = np.minimum(apart, np.linalg.norm(middles - seeds[-1], axis=1))
+    for _ in range(MORE_SEEDS):
+        nearest, seeds = _lloyd(middles, sizes, seeds)
+        distances = np.linalg.norm(corners - seeds[nearest, None], axis=2).max(axis=1)
+        order = np.argsort(distances, kind="stable")
+        farthest = np.zeros(len(seeds), dtype=np.int64)
+        farthest[nearest[order]] = order  # the last one stays
+        large = (distances[farthest] > radius) & (np.bincount(nearest, minlength=len(seeds)) > 1)
+        if not large.any():
+            break
+        seeds = np.vstack([seeds, middles[farthest[large]]])
+    return nearest
+
+
+def _lloyd(points: Array, sizes: Array, seeds: Array) -> tuple[Integers, Array]:
+    """For each point (N, 3) the seed (K, 3) next to it, and the seeds moved to those points'
+    middles, LLOYD_ROUNDS times over."""
+    nearest = np.empty(len(points), dtype=np.int64)
+    for _ in range(LLOYD_ROUNDS):
+        find_nearest(points, seeds, nearest)
+        total = np.bincount(nearest, sizes, len(seeds))[:, None]
+        sums = [np.bincount(nearest, sizes * along, len(seeds)) for along in points.T]
+        seeds = np.where(total > 0.0, np.transpose(sums) / np.maximum(total, TINY), seeds)
+    return nearest, seeds
+
+
+@kernel
+def find_nearest(points, seeds, nearest_out):
+    """For each point (N, 3) the seed (K, 3) next to it."""
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        best, least = 0, np.inf
+        for k in range(seeds.shape[0]):
+            dx, dy, dz = seeds[k, 0] - x, seeds[k, 1] - y, seeds[k, 2] - z
+            away = dx * dx + dy * dy + dz * dz
+            best, least = (k, away) if away < least else (best, least)
+        nearest_out[i] = best
+
+
+class _Builder:
+    """Grows the tree from the root; patches begin where a node's radius first suffices. What can be
+    is computed for all triangles at once: there may be many thousand patches."""
+
+    def __init__(self, corners: Array, radius: float) -> None:
+        self.corners = corners
+        self.radius = radius
+        self.middles = corners.mean(axis=1)
+        self.area_vectors = area_vectors(corners)
+        self.sizes = np.maximum(np.linalg.norm(self.area_vectors, axis=1), TINY)
+        first, numbers = distinct_points(corners.reshape(-1, 3))
+        self.points, self.numbers = corners.reshape(-1, 3)[first], numbers.reshape(-1, 3)
+
+    def tree(self) -> PatchTree:
+        found = list(self._patches(np.arange(len(self.corners))))
+        centres = np.array([centre for _, centre, _ in found])
+        counts = np.array([len(chosen) for chosen, _, _ in found])
+        order = np.concatenate([chosen for chosen, _, _ in found])
+        ends = np.cumsum(counts)
+        nodes, spans, first = divided(
+            order, np.concatenate([[0], ends]), centres, self.corners, self.numbers
+        )
+        patches = np.zeros(len(found), PATCH)
+        patches["x"], patches["y"], patches["z"] = centres.T
+        patches["radius"] = [radius for _, _, radius in found]
+        patches["first"], patches["end"] = first[:-1], first[1:]
+        of_triangle = np.repeat(centres, counts, axis=0)
+        is_leaf = nodes["leaf"] >= 0
+        leaves, of_leaves = self._leaves(order, spans[is_leaf], of_triangle)
+        return PatchTree(patches, nodes, _moment_table(nodes, of_leaves), leaves)
+
+    def _leaves(self, order: Integers, spans: Integers, centres: Array) -> tuple[Table, Array]:
+        """LEAF rows of triangles in order, spans (L, 2) of it, centres (N, 3) of their patches; and
+        the leaves' moments (L, 6, MONOMIALS): exact up to second order, of the third what
+        `local_quadratic` has."""
+        start, end = spans.T
+        which = np.repeat(np.arange(len(spans)), end - start)
+        keys = which[:, None] * len(self.points) + self.numbers[order]
+        keys, corner = np.unique(keys, return_inverse=True)
+        leaf_of, number = keys // len(self.points), keys % len(self.points)
+        slot = np.arange(len(keys)) - np.searchsorted(leaf_of, np.arange(len(spans)))[leaf_of]
+        places = self._places(leaf_of, slot, self.points[number] - centres[start][leaf_of])
+        weights = self._weights(order, which, slot[corner.reshape(-1, 3)])
+        low = np.full((len(spans), 3), np.inf)
+        high = -low
+        np.minimum.at(low, leaf_of, self.points[number] - centres[start][leaf_of])
+        np.maximum.at(high, leaf_of, self.points[number] - centres[start][leaf_of])
+        middles = 0.5 * (low + high)
+        moments = weights @ monomials(places)
+        exact = np.zeros((len(spans), 6, 6))
+        rule = gauss_rule(3)  # exact to degree 4; a quadratic's torque has 3
+        add_quadratic_moments(self.corners[order], which, centres[start], *rule, exact)
+        bends = np.zeros((len(spans), 6, QUADRATICS))
+        bends[:, :, :6] = exact - moments[:, :, LINEAR : LINEAR + 6]
+        moments[:, :, LINEAR:] += bends[:, :, :6] @ local_quadratic(middles)
+        leaves = np.zeros(len(spans), LEAF)
+        leaves["x"], leaves["y"], leaves["z"] = np.moveaxis(places, 2, 0)
+        leaves["weights"], leaves["bends"] = weights, bends
+        leaves["middle_x"], leaves["middle_y"], leaves["middle_z"] = middles.T
+        codes = triangle_codes(slot[corner.reshape(-1, 3)])
+        leaves["triangles"][which, np.arange(len(order)) - start[which]] = codes
+        return leaves, moments
+
+    def _places(self, leaf_of: Integers, slot: Integers, found: Array) -> Array:
+        """Places (L, LEAF_VERTICES, 3) of the leaves' vertices; what is left is as the first."""
+        places = np.repeat(found[slot == 0][:, None], LEAF_VERTICES, axis=1)
+        places[leaf_of, slot] = found
+        return places
+
+    def _weights(self, order: Integers, which: Integers, slots: Integers) -> Array:
+        """Weights (L, 6, LEAF_VERTICES) of the leaves' vertices, from triangles with such slots."""
+        shares = corner_shares(self.corners[order], self.area_vectors[order]).reshape(-1, 6)
+        at = (which[:, None] * LEAF_VERTICES + slots).ravel()
+        room = (int(which.max()) + 1) * LEAF_VERTICES
+        sums = np.stack([np.bincount(at, part, room) for part in shares.T])
+        return np.ascontiguousarray(sums.reshape(6, -1, LEAF_VERTICES).transpose(1, 0, 2))
+
+    def _patches(self, chosen: Integers) -> Iterator[tuple[Integers, Array, float]]:
+        """Divide triangles until they fit a patch: its triangles, centre and radius."""
+        centre, radius = enclosing_ball(self.corners[chosen], self.sizes[chosen])
+        if radius <= self.radius or len(chosen) == 1:
+            yield chosen, centre, radius
+            return
+        for part in self._parts(chosen):
+            yield from self._patches(part)
+
+    def _parts(self, chosen: Integers) -> list[Integers]:
+        """Triangles too many for a patch in clusters that may fit one, or, where that would be too
+        many or but one, in halves."""
+        sizes = self.sizes[chosen]
+        if sizes.sum() < MOST_CLUSTERS * np.pi * self.radius**2:
+            nearest = clusters(self.corners[chosen], sizes, self.radius)
+            if nearest.any():
+                return [chosen[nearest == cluster] for cluster in np.unique(nearest)]
+        along = self._along(chosen)
+        near = along < 0.5 * (along.min() + along.max())
+        if near.all() or not near.any():
+            near = np.arange(len(chosen)) < len(chosen) // 2
+        return [chosen[near], chosen[~near]]
+
+    def _along(self, chosen: Integers) -> Array:
+        """Where triangles lie along the axis in which they spread most."""
+        middles = self.middles[chosen] - self.middles[chosen].mean(axis=0)
+        _, axes = np.linalg.eigh(middles.T @ middles)
+        return middles @ axes[:, 2]
+
+
+def _moment_table(nodes: Table, of_leaves: Array) -> Table:
+    """MOMENTS of the nodes: each one's are the sum of its two children's."""
+    moments = np.empty((len(nodes), 6, MONOMIALS))
+    add_up(nodes["leaf"].copy(), nodes["after"].copy(), of_leaves, moments)
+    table = np.zeros(len(nodes), MOMENTS)
+    table["linear"], table["bending"] = np.split(moments, [LINEAR], axis=2)
+    return table
+
+
+@kernel
+def add_up(leaf, after, of_leaves, moments_out):
+    """Moments (N, 6, M) of all nodes, which come in the order of a walk, from those of leaves."""
+    for n in range(leaf.size - 1, -1, -1):
+        if leaf[n] >= 0:
+            moments_out[n] = of_leaves[leaf[n]]
+        else:
+            moments_out[n] = moments_out[n + 1] + moments_out[after[n + 1]]
+
+
+def divided(
+    order: Integers, starts: Integers, centres: Array, corners: Array, numbers: Integers
+) -> tuple[Table, Integers, Integers]:
+    """Nodes of patches whose triangles are order[starts[i]:starts[i + 1]]: NODE rows in the order
+    of a walk, the spans (N, 2) of order that are theirs, and the first node (P + 1,) of each patch.
+    Sorts order, so that a node's triangles follow one another."""
+    most = 2 * len(order) + len(centres)
+    nodes, spans = np.zeros(most, NODE), np.zeros((most, 2), dtype=np.int64)
+    first = np.zeros(len(starts), dtype=np.int64)
+    count = divide(order, starts, centres, corners, numbers, nodes, spans, first)
+    return nodes[:count].copy(), spans[:count].copy(), first
+
+
+@kernel
+def divide(order, starts, centres, corners, numbers, nodes_out, spans_out, first_out):
+    """See `divided`; returns the number of nodes."""
+    pending = np.empty((128, 2), np.int64)
+    count, leaves = 0, 0
+    for p in range(centres.shape[0]):
+        begin = count
+        first_out[p] = begin
+        pending[0, 0], pending[0, 1], waiting = starts[p], starts[p + 1], 1
+        while waiting > 0:
+            waiting -= 1
+            start, end = pending[waiting, 0], pending[waiting, 1]
+            box_of(order[start:end], corners, centres[p], nodes_out, count)
+            spans_out[count, 0], spans_out[count, 1] = start, end
+            nodes_out[count].leaf = -1
+            if is_leaf(order[start:end], numbers):
+                nodes_out[count].leaf = leaves
+                leaves += 1
+            else:
+                size = end - start
+                parts = max(2, -(-size // LEAF_TRIANGLES))
+                near = start + size * (parts // 2) // parts  # so that leaves become full
+                halve(order[start:end], near - start, corners)
+                pending[waiting, 0], pending[waiting, 1] = near, end
+                pending[waiting + 1, 0], pending[waiting + 1, 1] = start, near
+                waiting += 2
+            count += 1
+        for n in range(count - 1, begin - 1, -1):
+            if nodes_out[n].leaf >= 0:
+                nodes_out[n].after = n + 1
+            else:
+                nodes_out[n].after = nodes_out[nodes_out[n + 1].after].after
+    first_out[centres.shape[0]] = count
+    return count
+
+
+@kernel
+def box_of(chosen, corners, centre, nodes_out, n):
+    """The box around triangles, from a patch's centre, into node n."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for t in chosen:
+        for c in range(3):
+            for x in range(3):
+                value = corners[t, c, x] - centre[x]
+                low[x], high[x] = min(low[x], value), max(high[x], value)
+    node = nodes_out[n]
+    node.x, node.half_x = 0.5 * (low[0] + high[0]), 0.5 * (high[0] - low[0])
+    node.y, node.half_y = 0.5 * (low[1] + high[1]), 0.5 * (high[1] - low[1])
+    node.z, node.half_z = 0.5 * (low[2] + high[2]), 0.5 * (high[2] - low[2])
+
+
+@kernel
+def is_leaf(chosen, numbers):
+    """Whether triangles, and their vertices, have room in a leaf."""
+    if chosen.size > LEAF_TRIANGLES:
+        return False
+    seen, count = np.empty(3 * LEAF_TRIANGLES, np.int64), 0
+    for t in chosen:
+        for c in range(3):
+            is_new = True
+            for i in range(count):
+                is_new = is_new and seen[i] != numbers[t, c]
+            if is_new:
+                seen[count] = numbers[t, c]
+                count += 1
+    return count <= LEAF_VERTICES
+
+
+@kernel
+def halve(chosen_out, near, corners):
+    """Sort triangles so that the first `near` of them lie on one side along the axis in which all
+    spread most; both sides keep their order."""
+    count = chosen_out.size
+    middles, mean = np.empty((count, 3)), np.zeros(3)
+    for i in range(count):
+        for x in range(3):
+            t = chosen_out[i]
+            middles[i, x] = corners[t, 0, x] + corners[t, 1, x] + corners[t, 2, x]
+            mean[x] += middles[i, x] / count
+    spread = np.zeros((3, 3))
+    for i in range(count):
+        for x in range(3):
+            middles[i, x] -= mean[x]
+        for x in range(3):
+            for y in range(3):
+                spread[x, y] += middles[i, x] * middles[i, y]
+    axis = widest_axis(spread)
+    along = np.empty(count)
+    for i in range(count):
+        along[i] = middles[i, 0] * axis[0] + middles[i, 1] * axis[1] + middles[i, 2] * axis[2]
+    places = np.argsort(along, kind="mergesort")
+    sorted_first, sorted_last = np.sort(places[:near]), np.sort(places[near:])
+    before = chosen_out.copy()
+    for i in range(near):
+        chosen_out[i] = before[sorted_first[i]]
+    for i in range(count - near):
+        chosen_out[near + i] = before[sorted_last[i]]
+
+
+@kernel
+def widest_axis(spread):
+    """The eigenvector (3,) of the largest eigenvalue of a matrix (3, 3), nearly: powers become a
+    multiple of the projection onto it."""
+    power = spread.copy()
+    for _ in range(AXIS_SQUARINGS):
+        largest = max(np.abs(power).max(), 1e-300)
+        scaled = power / largest
+        for x in range(3):
+            for y in range(3):
+                power[x, y] = (
+                    scaled[x, 0] * scaled[0, y]
+                    + scaled[x, 1] * scaled[1, y]
+                    + scaled[x, 2] * scaled[2, y]
+                )
+    best = 0
+    for x in range(1, 3):
+        if power[x, x] > power[best, best]:
+            best = x
+    return power[best]
+
+
+def joined(trees: Sequence[PatchTree]) -> PatchTree:
+    """Several trees as one, patches in order, with all indices moved accordingly."""
+    moved, nodes, leaves = [], 0, 0
+    for tree in trees:
+        patches, of_tree = tree.patches.copy(), tree.nodes.copy()
+        patches["first"] += nodes
+        patches["end"] += nodes
+        of_tree["after"] += nodes
+        of_tree["leaf"][of_tree["leaf"] >= 0] += leaves
+        moved.append(PatchTree(patches, of_tree, tree.moments, tree.leaves))
+        nodes += len(tree.nodes)
+        leaves += len(tree.leaves)
+    return PatchTree(*(np.concatenate(tables) for tables in zip(*moved, strict=True)))

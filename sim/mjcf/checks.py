@@ -1,0 +1,74 @@
+"""Checks: options of a model under which the water's push would be wrong or would never happen."""
+
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from sim.mjcf.faults import Faults
+
+AIR = {"density": 2.0, "viscosity": 1e-4}
+"""Below these [kg/m^3, Pa s] MuJoCo's own fluid is taken for air."""
+
+
+def check_physics(model: mujoco.MjModel, faults: Faults) -> None:
+    """Collect what is wrong with a model's options."""
+    for fault in _wrong_options(model):
+        with faults.collected():
+            raise ValueError(fault)
+
+
+def _wrong_options(model: mujoco.MjModel) -> Iterator[str]:
+    option, bits = model.opt, mujoco.mjtDisableBit
+    for name, of_air in AIR.items():
+        value = getattr(option, name)
+        if not 0.0 <= value < of_air:
+            yield (
+                f"option {name} is {value:g}: MuJoCo would add its own fluid forces and the fluid "
+                "would count twice; set it to 0 (the water's density is the custom numeric "
+                "'water_density')"
+            )
+    for name, expected in (
+        ("timestep", "above 0"),
+        ("impratio", "above 0"),
+        ("tolerance", "0 or more"),
+    ):
+        value = getattr(option, name)
+        if not np.isfinite(value) or value < 0.0 or (value == 0.0 and expected == "above 0"):
+            yield f"option {name} is {value:g}; it must be finite and {expected}: correct it"
+    known = {*AIR, "timestep", "impratio", "tolerance", "gravity"}
+    for name in (n for n in dir(option) if n not in known and not n.startswith("_")):
+        value = getattr(option, name)
+        if isinstance(value, float | np.ndarray) and not np.isfinite(value).all():
+            yield f"option {name} is {value}; it must be finite: correct it"
+    gx, gy, gz = option.gravity
+    if gx != 0.0 or gy != 0.0 or not gz < 0.0:
+        yield (
+            f"option gravity is ({gx:g}, {gy:g}, {gz:g}); the water's surface needs gravity along "
+            "-z, for example (0, 0, -9.81)"
+        )
+    if option.disableflags & int(bits.mjDSBL_GRAVITY):
+        yield (
+            "option flag gravity is disabled: bodies would have no weight and the water would "
+            "still push them up; enable it"
+        )
+    passive = int(bits.mjDSBL_SPRING) | int(bits.mjDSBL_DAMPER)
+    if option.disableflags & passive == passive:
+        yield (
+            "option flags spring and damper are both disabled: MuJoCo then never calls "
+            "mjcb_passive and nothing would float; enable one of them"
+        )
+
+
+def check_solver(model: mujoco.MjModel) -> None:
+    """Refuse solvers whose matrix of contacts is made before drag and added mass are known."""
+    found = ""
+    if model.opt.solver == mujoco.mjtSolver.mjSOL_PGS:
+        found = "option solver is PGS"
+    elif model.opt.noslip_iterations > 0:
+        found = f"option noslip_iterations is {model.opt.noslip_iterations}"
+    if found:
+        raise ValueError(
+            f"{found}: contacts would not feel drag and added mass; set solver to Newton or CG and "
+            "noslip_iterations to 0"
+        )

@@ -1,0 +1,38 @@
+"""Files: what an MJCF file is compiled from."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+from sim.mjcf.custom_fields import COMPONENTS, RECORD
+
+FOLDERS = ("meshdir", "texturedir", "assetdir")
+"""Attributes of <compiler> that say where files are looked for."""
+
+
+def model_files(path: Path) -> list[Path]:
+    """An MJCF file and all files that it names and that are there: includes, theirs too, meshes,
+    height fields, textures, seas. Of a file that is no XML, itself."""
+    found: list[Path] = [path]
+    folders, names, waiting = [path.parent], [], [path]
+    while waiting:
+        for element in _elements(waiting.pop()):
+            folders += [path.parent / element.attrib[f] for f in FOLDERS if f in element.attrib]
+            if "file" in element.attrib:
+                names.append(element.attrib["file"])
+            if element.tag == "text" and element.attrib.get("name") in (COMPONENTS, RECORD):
+                names.append(element.attrib.get("data", ""))
+            included = path.parent / element.attrib.get("file", "")
+            if element.tag == "include" and included.is_file() and included not in found:
+                found.append(included)
+                waiting.append(included)
+    for name in names:
+        found += [folder / name for folder in folders if (folder / name).is_file()]
+    return list(dict.fromkeys(found))
+
+
+def _elements(path: Path) -> Iterator[ElementTree.Element]:
+    try:
+        yield from ElementTree.parse(path).iter()
+    except (ElementTree.ParseError, OSError, UnicodeDecodeError):
+        return

@@ -1,0 +1,150 @@
+"""Notes: what in a model is likely not meant, each said in one line with the remedy."""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.hulls.hull import Hull
+from sim.mjcf.checks import AIR
+from sim.mjcf.floats import (
+    FloatingGeom,
+    bodies_above,
+    body_label,
+    collides,
+    geom_label,
+)
+from sim.mjcf.overlaps import notes_of_overlaps
+from sim.water.sea import Sea
+
+Array = NDArray[np.float64]
+
+LIGHTEST, HEAVIEST = 0.01, 20.0
+"""Relative densities outside of which something is wrong with a mass or a size."""
+
+LONGEST, SHORTEST = 100.0, 1e-3
+"""Extents of a hull over the longest and shortest wavelength that hint at wrong units."""
+
+NEAR = 0.1
+"""Of a hull's extents: a floor this close to the waves' band is in their way."""
+
+
+def notes_about(model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom]) -> list[str]:
+    """All that there is to say about a model that floats, wherever it starts."""
+    trees = _trees(model, floats)
+    return [
+        *_about_air(model), *_about_gravity(model, floats), *_about_densities(model, sea, trees),
+    ]  # fmt: skip
+
+
+def notes_about_places(
+    model: mujoco.MjModel, start: mujoco.MjData, sea: Sea, floats: Sequence[FloatingGeom]
+) -> list[str]:
+    """What there is to say about where a model starts."""
+    return [*notes_of_overlaps(start, floats), *_about_floors(model, start, sea, floats)]
+
+
+def _trees(model: mujoco.MjModel, floats: Sequence[FloatingGeom]) -> dict[int, list[FloatingGeom]]:
+    """The floats by the root of their tree."""
+    found: dict[int, list[FloatingGeom]] = {}
+    for f in floats:
+        found.setdefault(int(model.body_rootid[f.body]), []).append(f)
+    return found
+
+
+def _about_air(model: mujoco.MjModel) -> Iterator[str]:
+    for name in AIR:
+        value = getattr(model.opt, name)
+        if value > 0.0:
+            yield (
+                f"option {name} is {value:g}, air's: MuJoCo's air drag acts under water too; set "
+                "it to 0 if that matters"
+            )
+
+
+def _about_gravity(model: mujoco.MjModel, floats: Sequence[FloatingGeom]) -> Iterator[str]:
+    for body in sorted(bodies_above(model, np.array([f.body for f in floats]))):
+        share = float(model.body_gravcomp[body])
+        if share != 0.0 and model.body_mass[body] > 0.0:
+            yield (
+                f"body '{body_label(model, body)}' has gravcomp {share:g}: MuJoCo carries that "
+                "part of its weight and the water pushes as ever: it floats too high or flies; set "
+                "it to 0"
+            )
+
+
+def _about_densities(
+    model: mujoco.MjModel, sea: Sea, trees: dict[int, list[FloatingGeom]]
+) -> Iterator[str]:
+    for root, floats in trees.items():
+        mass = float(model.body_subtreemass[root])
+        volume = sum(f.displaced * f.method.hull.volume for f in floats)
+        relative = mass / (sea.density * volume)
+        if not LIGHTEST <= relative <= HEAVIEST:
+            yield (
+                f"body '{body_label(model, root)}' weighs {mass:.3g} kg and its hulls hold "
+                f"{volume:.3g} m^3: {relative:.3g} times as dense as the water; expected "
+                f"{LIGHTEST:g} to {HEAVIEST:g}: check masses and units (lengths are metres)"
+            )
+
+
+def notes_about_sizes(sea: Sea, hulls: Iterable[tuple[str, Hull]]) -> Iterator[str]:
+    """What there is to say about hulls, by their names, that are of another size than the waves."""
+    if not sea.waves:
+        return
+    lengths = [wave.wavelength for wave in sea.waves]
+    for name, hull in hulls:
+        size = float(np.ptp(hull.bounds, axis=0).max())
+        if size > LONGEST * max(lengths) or size < SHORTEST * min(lengths):
+            yield (
+                f"geom '{name}' is {size:.3g} m long and the waves {min(lengths):.3g} to "
+                f"{max(lengths):.3g} m: check the units (a mesh in millimetres takes "
+                'scale="0.001 0.001 0.001")'
+            )
+
+
+def _about_floors(
+    model: mujoco.MjModel, start: mujoco.MjData, sea: Sea, floats: Sequence[FloatingGeom]
+) -> Iterator[str]:
+    """Static planes, boxes and height fields at the water's surface, which floats may stand on."""
+    size = max(float(np.ptp(f.method.hull.bounds, axis=0).max()) for f in floats)
+    band = sea.amplitude + NEAR * size
+    for geom in np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0):
+        top = _top(model, start, int(geom))
+        if top is None or not collides(model, int(geom)) or abs(top - sea.level) > band:
+            continue
+        over = [f for f in floats if _is_over(model, start, int(geom), f)]
+        if over:
+            kind = mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
+            yield (
+                f"the {kind} '{geom_label(model, int(geom))}' at z = {top:.3g} is at the water's "
+                f"surface: '{over[0].name}' will stand on it rather than float; lower it, or let "
+                "it collide with nothing (contype and conaffinity 0)"
+            )
+
+
+def _top(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float | None:
+    """Height [m] of the top of a level geom that can be a floor."""
+    kinds, up = mujoco.mjtGeom, data.geom_xmat[geom].reshape(3, 3)[2]
+    height, kind = float(data.geom_xpos[geom, 2]), model.geom_type[geom]
+    if kind == kinds.mjGEOM_PLANE:
+        return height if up[2] > 0.99 else None
+    if kind == kinds.mjGEOM_HFIELD:
+        return height + float(model.hfield_size[model.geom_dataid[geom], 2])
+    if kind == kinds.mjGEOM_BOX:
+        return height + float(np.abs(up) @ model.geom_size[geom])
+    return None
+
+
+def _is_over(model: mujoco.MjModel, data: mujoco.MjData, geom: int, f: FloatingGeom) -> bool:
+    """Whether a hull, where it starts, is above or below a floor."""
+    kinds, kind = mujoco.mjtGeom, model.geom_type[geom]
+    half = model.geom_size[geom]
+    if kind == kinds.mjGEOM_PLANE and not (half[:2] > 0.0).all():
+        return True
+    if kind == kinds.mjGEOM_HFIELD:
+        half = model.hfield_size[model.geom_dataid[geom]]
+    reach = half[:2] + 0.5 * np.linalg.norm(np.ptp(f.method.hull.bounds, axis=0))
+    away = data.geom_xmat[geom].reshape(3, 3).T @ (data.geom_xpos[f.geom] - data.geom_xpos[geom])
+    return bool((np.abs(away[:2]) < reach).all())

@@ -1,0 +1,140 @@
+"""Overlaps: hulls that share some water with others, which must not count twice."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.hulls.hull import Hull
+from sim.hulls.union import overlapping, shared_volume, united
+from sim.mjcf.drag_fields import DragFields
+from sim.mjcf.floats import FloatingGeom
+from sim.mjcf.geoms import frame_rotation
+
+Array = NDArray[np.float64]
+
+MENTIONED = 3
+"""Pairs of overlapping hulls that are named; the others are counted."""
+
+NOTED = 1e-4
+"""Part of the smaller of two hulls from which on what they share is worth a note."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A hull in the frame of the first of the geoms that it is made from, and what a model says of
+    it: its name, who says which method it has and which, its drag, the share of its volume that it
+    displaces, and the prefix of the names of its part of the model."""
+
+    geoms: tuple[int, ...]
+    name: str
+    hull: Hull
+    source: str
+    method: str
+    drag: DragFields
+    displaced: float
+    prefix: str
+
+    @property
+    def settings(self) -> tuple[object, ...]:
+        """What hulls that are to become one must agree in."""
+        return self.method, self.drag.key, self.displaced, self.prefix
+
+
+def united_shapes(model: mujoco.MjModel, shapes: Sequence[Shape]) -> tuple[list[Shape], list[str]]:
+    """The shapes with those that overlap on one body, and agree in all settings, made one; and
+    what is to be said about that."""
+    alike: dict[tuple[object, ...], list[Shape]] = {}
+    for shape in shapes:
+        body = int(model.geom_bodyid[shape.geoms[0]])
+        alike.setdefault((body, *shape.settings), []).append(shape)
+    found, notes = [], []
+    for members in alike.values():
+        if len(members) == 1:
+            found += members
+            continue
+        placed = [shape.hull.moved(*_on_body(model, shape.geoms[0])) for shape in members]
+        for group in overlapping(np.array([hull.bounds for hull in placed])):
+            names = [members[i].name for i in group]
+            try:
+                one = united([placed[i] for i in group])
+            except ValueError as error:
+                one = None
+                notes.append(
+                    f"{_many(names)} overlap, count that water twice and cannot be united: {error}"
+                )
+            if one is None:
+                found += [members[i] for i in group]
+                continue
+            hull, twice = one
+            turn, place = _on_body(model, members[group[0]].geoms[0])
+            own = hull.moved(turn.T, -turn.T @ place)
+            geoms = tuple(g for i in group for g in members[i].geoms)
+            found.append(replace(members[group[0]], geoms=geoms, name=" + ".join(names), hull=own))
+            notes.append(
+                f"{_many(names)} overlap and are one hull: by "
+                f"themselves they would count {_share(twice, hull.volume)} of its volume twice "
+                "(numeric 'buoyancy_union' 0 leaves them alone)"
+            )
+    order = {g: i for i, shape in enumerate(shapes) for g in shape.geoms}
+    return sorted(found, key=lambda shape: order[shape.geoms[0]]), notes
+
+
+def notes_of_overlaps(start: mujoco.MjData, floats: Sequence[FloatingGeom]) -> list[str]:
+    """What is to be said of hulls that overlap at the start."""
+    if len(floats) < 2:
+        return []
+    pairs = list(_overlaps(start, floats))
+    if not pairs:
+        return []
+    named = [
+        f"{_many(names)} ({_share(shared, smaller)} of the smaller)"
+        for names, shared, smaller in pairs[:MENTIONED]
+    ]
+    more = f" and {len(pairs) - MENTIONED} more pairs" if len(pairs) > MENTIONED else ""
+    return [
+        f"hulls overlap and count that water twice: {', '.join(named)}{more}; move them apart, or "
+        "give those of one body the same settings, then they are united"
+    ]
+
+
+def _overlaps(
+    start: mujoco.MjData, floats: Sequence[FloatingGeom]
+) -> Iterator[tuple[list[str], float, float]]:
+    """Names of pairs of hulls, the volume [m^3] that they share at the start, and that of the
+    smaller one."""
+    placed = [
+        f.method.hull.moved(start.geom_xmat[f.geom].reshape(3, 3), start.geom_xpos[f.geom])
+        for f in floats
+    ]
+    for group in overlapping(np.array([hull.bounds for hull in placed])):
+        for i, j in combinations(group, 2):
+            a, b = placed[i].bounds, placed[j].bounds
+            if (a[0] < b[1]).all() and (b[0] < a[1]).all():
+                try:
+                    shared = shared_volume(placed[i], placed[j])
+                except ValueError:
+                    continue  # unknown
+                smaller = min(placed[i].volume, placed[j].volume)
+                if shared > NOTED * smaller:
+                    yield [floats[i].name, floats[j].name], shared, smaller
+
+
+def _on_body(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
+    """Rotation (3, 3) and place (3,) [m] of a geom on its body."""
+    return frame_rotation(model.geom_quat[geom]), model.geom_pos[geom]
+
+
+def _many(names: Sequence[str]) -> str:
+    """Names in a row; of many the first ones."""
+    shown = [f"'{name}'" for name in names[:MENTIONED]]
+    if len(names) > MENTIONED:
+        return f"{', '.join(shown)} and {len(names) - MENTIONED} more"
+    return f"{', '.join(shown[:-1])} and {shown[-1]}"
+
+
+def _share(part: float, whole: float) -> str:
+    return f"{100.0 * part / whole:.2g} %"

@@ -1,0 +1,135 @@
+"""Sea fields: the water that a model's custom fields describe."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.mjcf.custom_fields import COMPONENTS, PRESSURE, RECORD
+from sim.mjcf.faults import Faults
+from sim.mjcf.numbers import NUMERICS, WAVE, NumericKind
+from sim.water.records import read_components, read_record
+from sim.water.sea import DEFAULT_PRESSURE, Sea
+from sim.water.spectrum import bretschneider, jonswap, ochi_hubble, pierson_moskowitz
+from sim.water.wave import Wave
+
+Numerics = Mapping[str, NDArray[np.float64]]
+Texts = Mapping[str, str]
+
+SPECTRA = {
+    "sea_jonswap": jonswap,
+    "sea_bretschneider": bretschneider,
+    "sea_pierson_moskowitz": pierson_moskowitz,
+    "sea_ochi_hubble": ochi_hubble,
+}
+"""Custom numerics of irregular seas: their first numbers are those of a spectrum, the last
+CUTTING those by which it is cut into waves."""
+
+CUTTING = 4
+
+SEA_WATER_DENSITY = 1025.0  # kg/m^3, at 15 degrees C and 35 g/kg of salt
+
+WATERS = ("water", "wave_", "sea_")
+"""How the elements begin that describe the water."""
+
+
+def sea_of(
+    model: mujoco.MjModel,
+    parts: Sequence[tuple[str, Numerics, Texts]],
+    faults: Faults,
+) -> Sea | None:
+    """The sea of a model of several parts, each with its prefix: the one that all of those have
+    which say anything about the water; None where there is a fault."""
+    found: dict[str, Sea] = {}
+    for prefix, numerics, texts in parts:
+        says = any(name.startswith(WATERS) for name in (*numerics, *texts))
+        if says or len(parts) == 1:
+            with faults.collected():
+                found[prefix] = _read_sea(model, numerics, texts, faults)
+    if not found and not faults.found:
+        return Sea((), SEA_WATER_DENSITY, -float(model.opt.gravity[2]))
+    seas = list(found.items())
+    for prefix, sea in seas[1:]:
+        if sea != seas[0][1]:
+            with faults.collected():
+                raise ValueError(
+                    f"two different seas: that of {_whose(seas[0][0])} and that of "
+                    f"{_whose(prefix)}; give both the same custom water, wave and sea elements, "
+                    "or take those of one away"
+                )
+    return seas[0][1] if seas else None
+
+
+def _whose(prefix: str) -> str:
+    return f"what was attached as '{prefix}'" if prefix else "the model itself"
+
+
+def _read_sea(
+    model: mujoco.MjModel,
+    numerics: Numerics,
+    texts: Texts,
+    faults: Faults,
+) -> Sea:
+    gravity = abs(float(model.opt.gravity[2])) or 9.81  # else a fault of its own
+    waves: list[Wave] = []
+    for name, values in numerics.items():
+        with faults.collected():
+            try:
+                if name in SPECTRA:
+                    waves += _irregular(name, _in_radians(NUMERICS[name], values), gravity)
+                elif name.startswith("wave_"):
+                    waves.append(Wave(*_in_radians(WAVE, values)))
+            except ValueError as error:
+                raise ValueError(f"custom numeric '{name}': {error}") from None
+    with faults.collected():
+        waves += _from_files(numerics, texts, gravity)
+    density = float(numerics.get("water_density", [SEA_WATER_DENSITY])[0])
+    levels = numerics.get("water_level", [0.0])
+    level, tide = (float(levels[0]), ()) if len(levels) == 1 else (0.0, np.reshape(levels, (-1, 2)))
+    current = numerics.get("water_current", (0.0, 0.0))
+    ramp = float(numerics.get("water_ramp", [0.0])[0])
+    pressure = texts.get(PRESSURE, DEFAULT_PRESSURE)
+    return Sea(waves, density, gravity, level, pressure, current, ramp, tide)
+
+
+def _irregular(name: str, numbers: list[float], gravity: float) -> tuple[Wave, ...]:
+    """Waves of a spectrum that a custom numeric has the numbers of."""
+    own, cutting = numbers[:-CUTTING], numbers[-CUTTING:]
+    if name == "sea_pierson_moskowitz":  # whose period follows from it
+        own = [*own, gravity]
+    return SPECTRA[name](*own).waves(*cutting, gravity)
+
+
+def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
+    """Waves of the files that texts name."""
+    waves: list[Wave] = []
+    name = ""
+    try:
+        for name in (COMPONENTS, RECORD):
+            if name in texts and not Path(texts[name]).is_file():
+                raise ValueError(
+                    f"there is no file {Path(texts[name]).absolute()}; Scene.load looks beside the "
+                    "MJCF file, MuJoCo's compiler in the current folder: give a whole path"
+                )
+            if name == COMPONENTS and name in texts:
+                waves += read_components(Path(texts[name]), gravity)
+            elif name in texts:
+                numbers = _in_radians(NUMERICS[RECORD], numerics.get(RECORD, [0.0]))
+                heading, shortest, longest, *place = numbers
+                path = Path(texts[name])
+                waves += read_record(path, gravity, heading, (shortest, longest), tuple(place))
+    except (ValueError, OSError) as error:
+        raise ValueError(f"custom text '{name}': {error}") from None
+    if RECORD in numerics and RECORD not in texts:
+        raise ValueError(f"custom numeric '{RECORD}' goes with a text of that name; add it")
+    return waves
+
+
+def _in_radians(kind: NumericKind, values: NDArray[np.float64]) -> list[float]:
+    """All the numbers of a custom numeric, those in degrees in radians."""
+    return [
+        float(np.radians(value)) if number.unit == "deg" else value
+        for number, value in zip(kind.numbers, kind.filled(values), strict=True)
+    ]

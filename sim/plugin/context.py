@@ -1,0 +1,290 @@
+"""Context: the water of a model and the hulls in it, in tables that C functions read.
+
+Models with the same content share a context: a model, its copies, and all of their states.
+"""
+
+import ctypes
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from threading import RLock
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.kernels import packed
+from sim.methods import METHODS, Batch, Place
+from sim.methods.method import NativePart
+from sim.mjcf.floats import FloatingGeom, moving_dofs
+from sim.mjcf.reading import Floating, stamp_of
+from sim.plugin import native
+from sim.plugin.layout import (
+    OF_MATRICES,
+    content_spans,
+    offsets,
+    option_spans,
+    picture_offsets,
+)
+from sim.plugin.picture import PICTURE
+from sim.resistance.drag import SURFACE
+from sim.resistance.reaction import HULL, hull_row
+
+Array = NDArray[np.float64]
+Table = NDArray[np.void]
+
+CLOCK_MONOTONIC = getattr(time, "CLOCK_MONOTONIC", 0)
+
+WORD = ctypes.c_int64
+
+UNUSED = 16
+"""Contexts that are kept although no state uses them: a model is compiled before its first state is
+made, and other models may be compiled in between."""
+
+
+@cache
+def mujoco_library() -> ctypes.CDLL:
+    """MuJoCo's library, whose functions kernels call by their addresses."""
+    return ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco.*"))))
+
+
+def function_address(library: ctypes.CDLL, name: str) -> int:
+    """Where a library's function is; 0 where there is none."""
+    found = getattr(library, name, None)
+    return ctypes.cast(found, ctypes.c_void_p).value if found else 0
+
+
+class Context:
+    """A sea and the hulls in it, as kernels take them; the record is at `address`.
+
+    Nothing in it changes but the number of its users.
+
+    sea: what they float in; floats: the hulls; bodies: (B,) ids of their bodies, each once;
+    float_bodies: (H,) for each hull its place in `bodies`; notes: what there is to say about hulls
+    and waves; model: the one that it was made from.
+    """
+
+    def __init__(self, model: mujoco.MjModel, what: Floating) -> None:
+        self.model = model  # a copy that nobody else has
+        self.sea, self.floats, self.notes = what.sea, what.floats, what.notes
+        self._files = what.files
+        sea, floats = self.sea, self.floats
+        self.bodies, self.float_bodies = np.unique(
+            [f.body for f in self.floats], return_inverse=True
+        )
+        drags = [f.drag for f in floats]
+        self.has_resistance = any(drags)
+        self.batches = batches_of(floats, what.threads)
+        surfaces = [drag.surface for drag in drags if drag] or [np.zeros(1, SURFACE)]
+        self._parts, self._push = self._method_of_pushing()
+        self._block = packed(
+            *_float_tables(model, floats), _hull_table(floats), np.concatenate(surfaces),
+            sea.components, sea.water, _part_table(self._parts), _picture_table(what),
+        )  # fmt: skip
+        self._record = self._filled(model)
+        self.address = int(self._record.ctypes.data)
+
+    def _method_of_pushing(self) -> tuple[list[NativePart], Callable[..., None] | None]:
+        """The hulls by the kernels of their methods; where a method has none, a function that asks
+        the interpreter instead."""
+        of_batches = [batch.native() for batch in self.batches]
+        if None not in of_batches:
+            return [part for parts in of_batches for part in parts], None
+
+        @ctypes.CFUNCTYPE(None, WORD, WORD, WORD, WORD)
+        def push(context: int, model: int, data: int, wrenches: int) -> None:
+            found = _array_at(wrenches, (len(self.floats), 6))
+            found[:] = np.nan  # what stays where a method raises
+            places, rotations = (
+                _array_at(_word_at(data + offsets()[name]), (self._geoms, size))
+                for name, size in (("geom_xpos", 3), ("geom_xmat", 9))
+            )
+            now = ctypes.c_double.from_address(data + offsets()["time"]).value
+            for batch in self.batches:
+                batch.write_wrenches(places, rotations, now, found)
+
+        return [], push
+
+    def _filled(self, model: mujoco.MjModel) -> Table:
+        library, clock = mujoco_library(), function_address(ctypes.CDLL(None), "clock_gettime")
+        self._geoms = model.ngeom
+        record = blank()
+        push = ctypes.cast(self._push, ctypes.c_void_p).value if self._push else None
+        values = dict(
+            bodies=model.nbody, geoms=model.ngeom, freedoms=model.nv, matrix=model.nC,
+            hulls=len(self.floats), own=record.ctypes.data, block=self._block.ctypes.data,
+            block_size=self._block.size, push=push or native.push_at.address,
+            act=native.act_at.address,
+            resist=native.resist_at.address if self.has_resistance else 0,
+            make_inertia=function_address(library, "mj_makeM"),
+            factor_inertia=function_address(library, "mj_factorM"),
+            release=function_address(library, "mju_free"),
+            clock=clock, clock_number=CLOCK_MONOTONIC,
+        )  # fmt: skip
+        for name, value in values.items():
+            record[name] = value
+        return record
+
+    @property
+    def users(self) -> int:
+        """The number of states that use it."""
+        return int(self._record["homes"][0])
+
+    def is_current(self) -> bool:
+        """Whether the files that it was read from are what they were."""
+        return all(stamp == stamp_of(name) for name, stamp in self._files.items())
+
+    def join(self, home: int, content: int) -> None:
+        """Take in the home at an address, with the content of its model."""
+        for field, value in (
+            (native.CONTEXT_OF, self.address), (native.CONTENT, content), (native.REFUSED, 0)
+        ):  # fmt: skip
+            WORD.from_address(home + 8 * field).value = value
+        native.count_at.call(self.address, 1)
+
+    def adopt(self, home: int, content: int) -> None:
+        """The same with a home of another context."""
+        native.count_at.call(_word_at(home), -1)
+        self.join(home, content)
+
+    def push(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Buoyancy (H, 6) of all hulls about their geoms' places."""
+        wrenches = np.empty((len(self.floats), 6))
+        function = self._push or native.push_at.call
+        function(self.address, model._address, data._address, wrenches.ctypes.data)
+        return wrenches
+
+    def drags(self, model: mujoco.MjModel, data: mujoco.MjData, wrenches: Array) -> Array:
+        """Drag (B, 6) of all bodies, about their centres of mass, from the hulls' wrenches."""
+        found = np.zeros((len(self.bodies), 6))
+        if self.has_resistance:
+            native.drags(self.address, model._address, data._address, wrenches, found)
+        return found
+
+
+def batches_of(floats: Sequence[FloatingGeom], threads: int) -> list[Batch]:
+    """The floats in batches, one for each class of methods and each sea."""
+    alike: dict[tuple[type, int], list[tuple[int, FloatingGeom]]] = {}
+    for i, f in enumerate(floats):
+        alike.setdefault((type(f.method), id(f.method.sea)), []).append((i, f))
+    return [
+        kind.batch([f.method for _, f in members], [Place(f.geom, i) for i, f in members], threads)
+        for (kind, _), members in alike.items()
+    ]
+
+
+@cache
+def _field_table() -> Table:
+    """FIELD rows of all that hulls and waves are made from."""
+    rows = [(start, 0, size, False) for start, size in option_spans()]
+    rows += [(*span, name in OF_MATRICES) for name, span in content_spans().items()]
+    return np.array(rows, native.FIELD)
+
+
+def blank() -> Table:
+    """A CONTEXT that knows MuJoCo's layout and which fields count, and nothing of a model."""
+    record = np.zeros(1, native.CONTEXT)
+    record["fields"], record["field_count"] = _field_table().ctypes.data, _field_table().size
+    for name, offset in offsets().items():
+        record["layout"][name] = offset
+    return record
+
+
+_blank = cache(blank)
+
+
+def content_of(model: int) -> int:
+    """A number for all that hulls and waves are made from in the model at an address."""
+    return native.content_at.call(int(_blank().ctypes.data), model)
+
+
+class Contexts:
+    """The contexts of the process."""
+
+    def __init__(self) -> None:
+        self.lock = RLock()
+        self._found: dict[tuple[object, ...], Context] = {}
+        self._replaced: list[Context] = []  # which some state still uses
+
+    def __iter__(self) -> Iterator[Context]:
+        return iter((*self._found.values(), *self._replaced))
+
+    def at(self, address: int) -> Context:
+        """The context at an address, which some state uses."""
+        return next(context for context in self if context.address == address)
+
+    def of(self, model: int, make: Callable[[], Context]) -> tuple[Context, int]:
+        """The context of the model at an address, made where there is none, and the number of the
+        model's content. Whoever calls holds the lock until the context has its user."""
+        content = content_of(model)
+        key = content, *METHODS.items()
+        context = self._found.get(key)
+        if context is None or not context.is_current():
+            made = make()
+            if context is not None:
+                del self._found[key]
+            self._replaced = [c for c in (*self._replaced, context) if c and c.users]
+            context = self._found[key] = made
+            unused = [k for k, found in self._found.items() if not found.users]
+            for old in unused[:-UNUSED]:
+                del self._found[old]
+        return context, content
+
+
+def _array_at(address: int, shape: tuple[int, ...]) -> Array:
+    count = int(np.prod(shape))
+    return np.frombuffer((ctypes.c_double * count).from_address(address)).reshape(shape)
+
+
+def _word_at(address: int) -> int:
+    return WORD.from_address(address).value
+
+
+def _float_tables(
+    model: mujoco.MjModel, floats: Sequence[FloatingGeom]
+) -> tuple[Table, Table, Table]:
+    """FLOAT and BODY rows, body by body, and the DOFs of those with drag or added mass."""
+    resisted = np.cumsum([f.drag is not None for f in floats]) - 1
+    memories = np.cumsum(model.body_weldid != 0) - 1
+    rows, bodies, dofs = [], [], []
+    for body in sorted({f.body for f in floats}):
+        own = [i for i, f in enumerate(floats) if f.body == body]
+        is_resisted = any(floats[i].drag for i in own)
+        chain = moving_dofs(model, body) if is_resisted else []
+        ends = len(rows), len(rows) + len(own), len(dofs), len(dofs) + len(chain)
+        bodies.append((body, model.body_rootid[body], memories[body], *ends))
+        dofs += chain
+        rows += [(floats[i].geom, i, resisted[i] if floats[i].drag else -1) for i in own]
+    return np.array(rows, native.FLOAT), np.array(bodies, native.BODY), np.array(dofs, native.DOF)
+
+
+def _hull_table(floats: Sequence[FloatingGeom]) -> Table:
+    """HULL rows of those with drag or added mass."""
+    volumes: dict[int, float] = {}
+    for f in floats:
+        if f.drag:
+            volumes[f.body] = volumes.get(f.body, 0.0) + f.drag.hull.volume
+    drags = [(f.drag, volumes[f.body]) for f in floats if f.drag]
+    return np.array([hull_row(i, *drag) for i, drag in enumerate(drags)], HULL)
+
+
+def _picture_table(what: Floating) -> Table:
+    row = np.zeros(1, PICTURE)
+    if what.is_drawn:
+        row["length"] = max(float(np.ptp(f.method.hull.bounds, axis=0).max()) for f in what.floats)
+    row["init_geom"] = function_address(mujoco_library(), "mjv_initGeom")
+    row["triangle"] = int(mujoco.mjtGeom.mjGEOM_TRIANGLE)
+    row["decoration"] = int(mujoco.mjtCatBit.mjCAT_DECOR)
+    for name, offset in picture_offsets().items():
+        row[name] = offset
+    return row
+
+
+def _part_table(parts: Sequence[NativePart]) -> Table:
+    rows = [
+        (p.kernel, p.block.ctypes.data, p.block.size, p.places.ctypes.data, len(p.places),
+         p.places.itemsize)
+        for p in parts
+    ]  # fmt: skip
+    return np.array(rows, native.PART)

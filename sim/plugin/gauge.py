@@ -1,0 +1,68 @@
+"""Gauge: a sensor of the water at a site, the plugin `waterline.gauge`.
+
+    <extension><plugin plugin="waterline.gauge"/></extension>
+    <sensor>
+      <plugin name="bow" plugin="waterline.gauge" objtype="site" objname="bow"/>
+    </sensor>
+
+Its five numbers in `data.sensordata` are the height z [m] of the water's surface above or below the
+site, the head [m] at the site (positive below the surface), and the velocity [m/s] of the water
+there along the world's axes; above the surface that of the surface.
+"""
+
+import numpy as np
+
+from sim.addresses import float_at, floats_at, integer_at, integers_at, word_at
+from sim.kernels import c_function, kernel, table
+from sim.plugin.native import (
+    block_of,
+    context_at,
+    home_of,
+    lower_half,
+    model_array,
+    water_instance,
+)
+from sim.water.gerstner import LABELS, WATER, WAVE, level_and_rise, set_labels, solve_labels
+from sim.water.head import solve_heads
+from sim.water.motion import MOTION, VELOCITY, water_motion
+
+GAUGED = 5
+"""Numbers of a gauge."""
+
+
+@kernel
+def gauge(context, time, place, readings_out):
+    """Elevation [m], head [m] and velocity [m/s] of the water, (5,), at a place (3,) [m]."""
+    waves, water = table(block_of(context), 5, WAVE), table(block_of(context), 6, WATER)
+    labels, guess, motion = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, MOTION)
+    x, y, z = place[:1].copy(), place[1:2].copy(), place[2:3].copy()
+    height, level = np.empty(1), level_and_rise(water[0], time)[0]
+    set_labels(x, y, guess)
+    solve_labels(x, y, guess, waves, time, water[0].tolerance, 1, height, labels)
+    readings_out[0] = level + height[0]
+    solve_heads(x, y, z, waves, water, time, readings_out[1:2])
+    height[0] = max(readings_out[0] - z[0], 0.0)  # the depth
+    water_motion(VELOCITY, height, waves, water, time, labels, motion)
+    readings_out[2] = motion[0].x[0]
+    readings_out[3] = motion[0].y[0]
+    readings_out[4] = motion[0].z[0]
+
+
+@c_function
+def gauge_at(model, data, instance, capability):
+    """Read all gauges of an instance, in the stage of positions."""
+    water = water_instance(model)
+    home = home_of(model, data, water) if water >= 0 else 0
+    if home == 0:
+        return
+    context = context_at(word_at(home))
+    layout, time = context.layout, float_at(data + context.layout.time)
+    count = integer_at(model + layout.nsensor)
+    instances = integers_at(model_array(model, layout.sensor_plugin), (count,))
+    sites = integers_at(model_array(model, layout.sensor_objid), (count,))
+    starts = integers_at(model_array(model, layout.sensor_adr), (count,))
+    for s in range(count):
+        if instances[s] == lower_half(instance):
+            place = floats_at(model_array(data, layout.site_xpos) + 24 * sites[s], (3,))
+            readings = floats_at(model_array(data, layout.sensordata) + 8 * starts[s], (GAUGED,))
+            gauge(context, time, place, readings)

@@ -1,0 +1,724 @@
+"""Native: what the plugin does in a step, as C functions that MuJoCo calls without the interpreter.
+
+All that a call needs of a model is a *context*, a record with addresses of tables that nothing
+changes afterwards. All that a call keeps of a state is its *home*, a record that belongs to one
+MjData. So any number of threads, states, copies and batches may use a context at once. What a user
+may change in a compiled model is read from the model at each call: mass, inertia, frames, timestep.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.addresses import (
+    atomic_add,
+    bits_of,
+    bytes_at,
+    call,
+    call_kernel,
+    float_at,
+    floats_at,
+    integer_at,
+    integers_at,
+    named_word,
+    nanoseconds,
+    records_at,
+    store_word,
+    word_at,
+    words_at,
+)
+from sim.geometry import cross
+from sim.kernels import c_function, c_query, inline, kernel, record, table
+from sim.methods.method import is_known
+from sim.plugin.layout import LAYOUT
+from sim.resistance.drag import SURFACE, Flow, Pose
+from sim.resistance.reaction import HULL, REACTION, hull_reaction
+from sim.water.gerstner import WATER, WAVE
+
+Array = NDArray[np.float64]
+
+CONTEXT = record(
+    bodies="i8", geoms="i8", freedoms="i8", matrix="i8", hulls="i8", own="i8", block="i8",
+    block_size="i8", push="i8", act="i8", resist="i8", make_inertia="i8", factor_inertia="i8",
+    release="i8", clock="i8", clock_number="i8", homes="i8", fields="i8", field_count="i8",
+    layout=LAYOUT,
+)  # fmt: skip
+"""What a call needs of a model: its sizes (bodies, geoms, degrees of freedom, entries of M) and the
+number of hulls; the addresses of the record itself and of its block of tables (FLOAT, BODY, DOF,
+HULL, SURFACE, WAVE, WATER, PART, PICTURE); the functions that compute the hulls' wrenches, act in a
+step, add resistance, make and factorise M, and free memory; the C library's clock; the number of
+homes that use the context; the table of FIELD rows; MuJoCo's layout."""
+
+CONTEXT_SIZE = CONTEXT.itemsize
+
+HOME = record(
+    context="i8", content="i8", memories="i8", refused="i8", calls="i8", nanoseconds="i8",
+    data="i8", states="i8",
+)  # fmt: skip
+"""What belongs to one MjData: the address of its context, the content of the model that the context
+was made from, the number of rows of KEPT numbers behind this record, whether the model was refused
+at the last reset, the number of calls and the time [ns] that they took; and by which it is known,
+the addresses of the MjData and of the plugin's states in it. Those states are as many MEMORY rows,
+and the content behind them."""
+
+CONTEXT_OF, CONTENT, MEMORIES, REFUSED, CALLS, NANOSECONDS, DATA, OWN_STATES = range(8)
+"""Numbers of HOME."""
+
+SLAB, MOST_SLABS = 1024, 4096
+"""Homes of a slab, and slabs (see `homes`)."""
+
+USERS = CONTEXT.fields["homes"][1]
+"""Where a context counts its homes."""
+
+HOME_SIZE = HOME.itemsize
+
+MEMORY = 12
+"""Numbers that are remembered of a body's row of xfrc_applied: the 6 that were left there, and the
+6 of them that are the user's push."""
+
+EARLIER = 8
+"""Rows that a home remembers besides: those that stood beside states from another time. States that
+MuJoCo keeps of such a moment (INTEGRATION) bring both back."""
+
+KEPT = MEMORY * (1 + EARLIER)
+"""Numbers of a home for each body that can move."""
+
+PART = record(kernel="i8", block="i8", block_size="i8", places="i8", count="i8", size="i8")
+"""Hulls of a method: its kernel, its block, and their places, with the size of one."""
+
+FLOAT = record(geom="i8", hull="i8", resisted="i8")
+"""A hull: its geom, its row among the wrenches, and its HULL, -1 where there is none. Those of a
+body follow one another."""
+
+BODY = record(
+    body="i8", root="i8", memory="i8", first="i8", end="i8", first_dof="i8", end_dof="i8"
+)  # fmt: skip
+"""A body's row, that of the point to which its velocity refers, its MEMORY row, its FLOATs, and the
+degrees of freedom (DOF) that move it, in ascending order; these only where something resists."""
+
+DOF = record(index="i8")
+
+FIELD = record(pointer="i8", counter="i8", size="i8", optional="i8")
+"""An array of a model that hulls and waves are made from: the offset of its pointer and of the
+number of its rows, the size of a row, and whether it matters only where some numeric has a matrix's
+size. A counter of 0 stands for one row that lies in the model itself."""
+
+FIELD_SIZE = FIELD.itemsize
+
+SEAM = np.zeros(7, dtype=np.int64)
+"""Where MuJoCo keeps what belongs to plugins, as offsets: in a state the plugins' words, in a model
+the number of instances and, of each, the number of its plugin. Then the number of this plugin, the
+address of the slabs' addresses, and the Python functions that find a home which is not where it
+should be, and renew one."""
+
+WORDS, INSTANCES, SLOTS, SLOT, SLABS, FIND, RENEW = range(7)
+
+seam = named_word("waterline_seam", SEAM.ctypes.data)
+
+
+CONTACTS = 1 << 4
+"""mjDSBL_CONTACT, which MuJoCo's compiler sets for its own test step."""
+
+WHOLE = (1 << 52) - 1
+"""Bits of the whole numbers that doubles hold."""
+
+MATRIX_SIZES = (6, 36)
+"""Sizes of numerics that may be added mass or damping, which depend on masses and frames."""
+
+
+class Tables(NamedTuple):
+    """A context's block."""
+
+    floats: NDArray[np.void]
+    bodies: NDArray[np.void]
+    dofs: NDArray[np.void]
+    hulls: NDArray[np.void]
+    surfaces: NDArray[np.void]
+
+
+class State(NamedTuple):
+    """MuJoCo's frames of a state: the bodies' inertial ones, and those of the geoms."""
+
+    centres: Array
+    axes: Array
+    places: Array
+    turns: Array
+
+
+@inline
+def context_at(address):
+    return bytes_at(address, (CONTEXT_SIZE,)).view(CONTEXT)[0]
+
+
+@inline
+def block_of(context):
+    return bytes_at(context.block, (context.block_size,))
+
+
+@inline
+def model_array(model, offset):
+    """Address of an array of a model or a state, whose pointer is at an offset."""
+    return word_at(model + offset)
+
+
+# What hulls and waves are made from
+
+
+@inline
+def mixed(sum_, word):
+    """A sum of words with one more, so that each bit of it may change each bit of the sum."""
+    sum_ = (sum_ ^ word) * 0x2545F4914F6CDD1D
+    return sum_ ^ (sum_ >> 29)
+
+
+@kernel
+def mixed_bytes(start, count, sum_):
+    """The same with bytes at an address, in four sums that do not wait for one another."""
+    words = words_at(start, (count // 8,))
+    a, b, c, d = sum_, sum_ + 1, sum_ + 2, sum_ + 3
+    whole = words.size - words.size % 4
+    for i in range(0, whole, 4):
+        a, b = mixed(a, words[i]), mixed(b, words[i + 1])
+        c, d = mixed(c, words[i + 2]), mixed(d, words[i + 3])
+    for i in range(whole, words.size):
+        a = mixed(a, words[i])
+    rest = bytes_at(start + 8 * words.size, (count % 8,))
+    for i in range(rest.size):
+        b = mixed(b, np.int64(rest[i]))
+    return mixed(mixed(mixed(a, b), c), mixed(d, count))
+
+
+@kernel
+def has_matrices(model, layout):
+    """Whether some numeric has the size of a matrix of added mass or damping."""
+    count = integer_at(model + layout.nnumeric)
+    sizes = integers_at(model_array(model, layout.numeric_size), (count,))
+    for i in range(sizes.size):
+        if sizes[i] == MATRIX_SIZES[0] or sizes[i] == MATRIX_SIZES[1]:
+            return True
+    return False
+
+
+@kernel
+def content_of(context, model):
+    """A number for all that hulls and waves are made from (FIELD rows) in a model, a whole one that
+    a double holds."""
+    fields = bytes_at(context.fields, (FIELD_SIZE * context.field_count,)).view(FIELD)
+    matrices = has_matrices(model, context.layout)
+    found = integer_at(model + context.layout.disableflags) & ~CONTACTS
+    for f in range(fields.size):
+        field = fields[f]
+        if field.optional != 0 and not matrices:
+            continue
+        if field.counter == 0:
+            found = mixed_bytes(model + field.pointer, field.size, found)
+        else:
+            size = field.size * integer_at(model + field.counter)
+            found = mixed_bytes(model_array(model, field.pointer), size, found)
+    return found & WHOLE
+
+
+# What a context does
+
+
+@kernel
+def push(context, model, data, wrenches_out):
+    """Wrenches (H, 6) of buoyancy of all hulls, about their geoms' places."""
+    time = float_at(data + context.layout.time)
+    places = floats_at(model_array(data, context.layout.geom_xpos), (context.geoms, 3))
+    turns = floats_at(model_array(data, context.layout.geom_xmat), (context.geoms, 9))
+    parts = table(block_of(context), 7, PART)
+    for p in range(parts.size):
+        part = parts[p]
+        block = bytes_at(part.block, (part.block_size,))
+        items = records_at(part.places, part.count, part.size)
+        call_kernel(part.kernel, block, items, places, turns, time, wrenches_out)
+    floats = table(block_of(context), 0, FLOAT)
+    for f in range(floats.size):
+        if not is_known(places[floats[f].geom], turns[floats[f].geom], time):
+            wrenches_out[floats[f].hull] = np.nan
+
+
+@kernel
+def add_up(context, data, wrenches, totals_out):
+    """Sum up the hulls' wrenches (H, 6) over their bodies (B, 6), about the centres of mass."""
+    block, layout = block_of(context), context.layout
+    floats, bodies = table(block, 0, FLOAT), table(block, 1, BODY)
+    centres = floats_at(model_array(data, layout.xipos), (context.bodies, 3))
+    places = floats_at(model_array(data, layout.geom_xpos), (context.geoms, 3))
+    for b in range(bodies.size):
+        i = bodies[b].body
+        fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for f in range(bodies[b].first, bodies[b].end):
+            h, g = floats[f].hull, floats[f].geom
+            x, y, z = wrenches[h, 0], wrenches[h, 1], wrenches[h, 2]
+            ax, ay, az = cross(
+                places[g, 0] - centres[i, 0], places[g, 1] - centres[i, 1],
+                places[g, 2] - centres[i, 2], x, y, z,
+            )  # fmt: skip
+            fx, fy, fz = fx + x, fy + y, fz + z
+            tx += wrenches[h, 3] + ax
+            ty += wrenches[h, 4] + ay
+            tz += wrenches[h, 5] + az
+        totals_out[b, 0], totals_out[b, 1], totals_out[b, 2] = fx, fy, fz
+        totals_out[b, 3], totals_out[b, 4], totals_out[b, 5] = tx, ty, tz
+
+
+@inline
+def own_part(found, memory, state, j):
+    """The user's part of the number that is found in component j of a row: what is remembered of
+    it, where the number is one that was left there; else the number is a new push."""
+    number = bits_of(found)
+    if number == bits_of(memory[j]):
+        return memory[6 + j]
+    if number == bits_of(state[j]):
+        return state[6 + j]
+    for k in range(1, 1 + EARLIER):
+        if number == bits_of(memory[MEMORY * k + j]):
+            return memory[MEMORY * k + 6 + j]
+    return found
+
+
+@kernel
+def keep_earlier(row, state, memory_out):
+    """Keep a row (6,) that is what was left there, beside a state (MEMORY,) that is not of the same
+    time: FULLPHYSICS has brought that alone."""
+    for j in range(6):
+        is_left = bits_of(row[j]) == bits_of(memory_out[j])
+        if is_left and bits_of(row[j]) != bits_of(state[j]):
+            for k in range(KEPT - 1, 2 * MEMORY - 1, -1):
+                memory_out[k] = memory_out[k - MEMORY]
+            for k in range(MEMORY):
+                memory_out[MEMORY + k] = memory_out[k]
+            return
+
+
+@kernel
+def write_rows(context, data, totals, memories, states):
+    """Leave the user's pushes plus the water's wrenches (B, 6) in the bodies' rows of xfrc_applied.
+
+    Both are remembered twice, in the home and in the plugin's state, because MuJoCo's states hold
+    the latter: FULLPHYSICS without xfrc_applied, INTEGRATION with it.
+    """
+    bodies = table(block_of(context), 1, BODY)
+    rows = floats_at(model_array(data, context.layout.xfrc_applied), (context.bodies, 6))
+    for b in range(bodies.size):
+        i, m = bodies[b].body, bodies[b].memory
+        keep_earlier(rows[i], states[m], memories[m])
+        for j in range(6):
+            own = own_part(rows[i, j], memories[m], states[m], j)
+            rows[i, j] = own + totals[b, j]
+            memories[m, j], memories[m, 6 + j] = rows[i, j], own
+            states[m, j], states[m, 6 + j] = rows[i, j], own
+
+
+@kernel
+def twist_at(spatial, arm, rotation, twist_out):
+    """A motion (6,), angular, then linear at a point, in world axes, as that of a point at an arm
+    from there, linear, then angular, in the axes of a rotation (9,)."""
+    wx, wy, wz = spatial[0], spatial[1], spatial[2]
+    x, y, z = cross(wx, wy, wz, arm[0], arm[1], arm[2])
+    x, y, z = spatial[3] + x, spatial[4] + y, spatial[5] + z
+    r = rotation
+    for i in range(3):
+        twist_out[i] = r[i] * x + r[3 + i] * y + r[6 + i] * z
+        twist_out[3 + i] = r[i] * wx + r[3 + i] * wy + r[6 + i] * wz
+
+
+@kernel
+def add_turned(wrench, arm, rotation, total_out):
+    """Add a wrench (6,) in the axes of a rotation (9,), at an arm from the centre of mass, to one
+    about that, in world axes."""
+    r = rotation
+    fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(3):
+        force, torque = wrench[i], wrench[3 + i]
+        fx, fy, fz = fx + r[i] * force, fy + r[3 + i] * force, fz + r[6 + i] * force
+        tx, ty, tz = tx + r[i] * torque, ty + r[3 + i] * torque, tz + r[6 + i] * torque
+    mx, my, mz = cross(arm[0], arm[1], arm[2], fx, fy, fz)
+    total_out[0] += fx
+    total_out[1] += fy
+    total_out[2] += fz
+    total_out[3] += tx + mx
+    total_out[4] += ty + my
+    total_out[5] += tz + mz
+
+
+@inline
+def tables_of(context):
+    block = block_of(context)
+    return Tables(
+        table(block, 0, FLOAT), table(block, 1, BODY), table(block, 2, DOF), table(block, 3, HULL),
+        table(block, 4, SURFACE),
+    )  # fmt: skip
+
+
+@inline
+def state_of(context, data):
+    layout, bodies, geoms = context.layout, context.bodies, context.geoms
+    return State(
+        floats_at(model_array(data, layout.xipos), (bodies, 3)),
+        floats_at(model_array(data, layout.ximat), (bodies, 9)),
+        floats_at(model_array(data, layout.geom_xpos), (geoms, 3)),
+        floats_at(model_array(data, layout.geom_xmat), (geoms, 9)),
+    )
+
+
+@kernel
+def set_motion(context, data, body, pose, reaction_out):
+    """How a body's hull moves, for its REACTION."""
+    layout, n, dofs = context.layout, context.freedoms, table(block_of(context), 2, DOF)
+    changes = floats_at(model_array(data, layout.cdof_dot), (n, 6))
+    speeds = floats_at(model_array(data, layout.qvel), (n,))
+    root = floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))[body.root]
+    velocity = floats_at(model_array(data, layout.cvel), (context.bodies, 6))[body.body]
+    own, arm = np.zeros(6), pose.position - root
+    for d in range(body.first_dof, body.end_dof):
+        i = dofs[d].index
+        for j in range(6):
+            own[j] += changes[i, j] * speeds[i]
+    twist_at(velocity, arm, pose.rotation, reaction_out[0].velocity)
+    twist_at(own, arm, pose.rotation, reaction_out[0].bias)
+
+
+@kernel
+def react(context, model, data, body, place, reaction_out):
+    """What a hull, that of a FLOAT's place, meets besides its buoyancy: its REACTION in the geom's
+    frame. Returns the rate [1/s] at which it takes angular momentum."""
+    tables, state, block = tables_of(context), state_of(context, data), block_of(context)
+    g, time = tables.floats[place].geom, float_at(data + context.layout.time)
+    timestep = float_at(model + context.layout.timestep)
+    flow = Flow(table(block, 5, WAVE), table(block, 6, WATER), time)
+    pose = Pose(state.places[g], state.turns[g])
+    set_motion(context, data, body, pose, reaction_out)
+    hull = tables.hulls[tables.floats[place].resisted]
+    fraction = hull_reaction(hull, tables.surfaces, flow, pose, timestep, reaction_out)
+    return fraction * hull.rate
+
+
+@kernel
+def decay_spin(context, model, data, body, decay, reaction_out):
+    """The decay of a body's angular momentum at a rate [1/s], as a REACTION in its inertial
+    frame."""
+    inertia = floats_at(model_array(model, context.layout.body_inertia), (context.bodies, 3))
+    spin = floats_at(model_array(data, context.layout.cvel), (context.bodies, 6))[body.body, :3]
+    axes = state_of(context, data).axes[body.body]
+    timestep, r = float_at(model + context.layout.timestep), reaction_out[0]
+    r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
+    for k in range(3):
+        damping = decay * inertia[body.body, k]
+        for i in range(3):
+            r.drag[3 + k] -= damping * axes[3 * i + k] * spin[i]
+        r.matrix[3 + k, 3 + k] = timestep * damping
+
+
+@kernel
+def add_inertia(context, model, data, body, place, rotation, matrix):
+    """Add J^T matrix J to MuJoCo's matrix of inertia: matrix (6, 6), its lower triangle, in the
+    frame at a place (3,) with a rotation (9,), of a body.
+
+    A body alone on a joint along its principal axes has a diagonal there and no place for more.
+    What is off the diagonal goes into that, in amounts that leave the sum above the matrix: so
+    damping holds at any timestep as the whole matrix does. (Added mass has nothing there: see
+    `mjcf`.)
+    """
+    layout, n = context.layout, context.freedoms
+    dofs = table(block_of(context), 2, DOF)
+    first, size = body.first_dof, body.end_dof - body.first_dof
+    axes = floats_at(model_array(data, layout.cdof), (n, 6))
+    arm = place - floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))[body.root]
+    lengths = integers_at(model_array(model, layout.M_rownnz), (n,))
+    starts = integers_at(model_array(model, layout.M_rowadr), (n,))
+    entries = floats_at(model_array(data, layout.M), (context.matrix,))
+    columns, products = np.empty((size, 6)), np.zeros((size, 6))
+    last = np.empty(size, np.int64)  # places of the diagonal
+    for a in range(size):
+        row = dofs[first + a].index
+        last[a] = starts[row] + lengths[row] - 1
+        twist_at(axes[row], arm, rotation, columns[a])
+        for i in range(6):
+            for j in range(i):
+                products[a, i] += matrix[i, j] * columns[a, j]
+                products[a, j] += matrix[i, j] * columns[a, i]
+            products[a, i] += matrix[i, i] * columns[a, i]
+        for i in range(6):
+            entries[last[a]] += products[a, i] * columns[a, i]
+    for a in range(size):
+        row = dofs[first + a].index
+        for b in range(a):
+            entry = 0.0
+            for j in range(6):
+                entry += products[a, j] * columns[b, j]
+            if lengths[row] > 1:
+                entries[starts[row] + b] += entry
+            else:
+                share = np.sqrt(entries[last[a]] / entries[last[b]])
+                entries[last[a]] += abs(entry) * share
+                entries[last[b]] += abs(entry) / share
+
+
+@kernel
+def add_reaction(context, model, data, body, place, rotation, reaction, total_out):
+    """Add a REACTION in the frame at a place with a rotation (9,) to a body's wrench and to the
+    matrix of inertia."""
+    state, r = state_of(context, data), reaction[0]
+    arm = place - state.centres[body.body]
+    add_turned(r.drag, arm, rotation, total_out)
+    add_turned(r.inertia, arm, rotation, total_out)
+    add_inertia(context, model, data, body, place, rotation, r.matrix)
+
+
+@kernel
+def resist(context, model, data, wrenches, totals_out):
+    """Add to the bodies' wrenches (B, 6), and to the matrix of inertia, what bodies meet besides
+    the buoyancy of their hulls, `push`'s wrenches (H, 6)."""
+    tables, state = tables_of(context), state_of(context, data)
+    reaction, is_made = np.empty(1, REACTION), False
+    for b in range(tables.bodies.size):
+        body, decay = tables.bodies[b], 0.0
+        i = body.body
+        for f in range(body.first, body.end):
+            g, lift = tables.floats[f].geom, wrenches[tables.floats[f].hull, 2]
+            if tables.floats[f].resisted < 0 or lift == 0.0:  # dry
+                continue
+            if not is_made:  # where the position stage was skipped, ours would else count twice
+                call(context.make_inertia, (model, data))
+                is_made = True
+            decay += react(context, model, data, body, f, reaction)
+            place, turn = state.places[g], state.turns[g]
+            add_reaction(context, model, data, body, place, turn, reaction, totals_out[b])
+        if decay > 0.0:
+            decay_spin(context, model, data, body, decay, reaction)
+            place, turn = state.centres[i], state.axes[i]
+            add_reaction(context, model, data, body, place, turn, reaction, totals_out[b])
+    if is_made:
+        call(context.factor_inertia, (model, data))
+
+
+@kernel
+def add_drag(reaction, arm, rotation, drag_out):
+    """Add the drag of a REACTION in the axes of a rotation (9,), at an arm from the centre of
+    mass."""
+    add_turned(reaction[0].drag, arm, rotation, drag_out)
+
+
+@kernel
+def drags(context_address, model, data, wrenches, drags_out):
+    """Drag alone (B, 6) of all bodies, about their centres of mass, world axes."""
+    context = context_at(context_address)
+    tables, state = tables_of(context), state_of(context, data)
+    reaction = np.empty(1, REACTION)
+    drags_out[:] = 0.0
+    for b in range(tables.bodies.size):
+        body, decay = tables.bodies[b], 0.0
+        centre = state.centres[body.body]
+        for f in range(body.first, body.end):
+            g, lift = tables.floats[f].geom, wrenches[tables.floats[f].hull, 2]
+            if tables.floats[f].resisted >= 0 and lift != 0.0:
+                decay += react(context, model, data, body, f, reaction)
+                add_drag(reaction, state.places[g] - centre, state.turns[g], drags_out[b])
+        if decay > 0.0:
+            decay_spin(context, model, data, body, decay, reaction)
+            add_drag(reaction, centre - centre, state.axes[body.body], drags_out[b])
+
+
+# C functions, with addresses as arguments
+
+
+@c_function
+def resist_at(context, model, data, wrenches, totals):
+    home = context_at(context)
+    bodies = table(block_of(home), 1, BODY).size
+    resist(home, model, data, floats_at(wrenches, (home.hulls, 6)), floats_at(totals, (bodies, 6)))
+
+
+@c_function
+def push_at(context, model, data, wrenches):
+    what = context_at(context)
+    push(what, model, data, floats_at(wrenches, (what.hulls, 6)))
+
+
+@c_function
+def count_at(context, change):
+    """Count homes of a context, while other threads end some."""
+    atomic_add(context + USERS, change)
+
+
+@kernel
+def end_home(home, place):
+    """The end of a home, whose address stands at a place."""
+    context = context_at(word_at(home))
+    atomic_add(context.own + USERS, -1)
+    store_word(place, 0)
+    call(context.release, (home,))
+
+
+@c_function
+def end_at(home, place):
+    end_home(home, place)
+
+
+@c_query
+def content_at(context, model):
+    return content_of(context_at(context), model)
+
+
+@c_function
+def act_at(home, model, data, states):
+    """All that the plugin does in a step of the state that has this home."""
+    context, kept = context_at(word_at(home)), words_at(home, (HOME_SIZE // 8,))
+    started = nanoseconds(context.clock, context.clock_number)
+    bodies = table(block_of(context), 1, BODY).size
+    wrenches, totals = np.empty((context.hulls, 6)), np.empty((bodies, 6))
+    call(context.push, (context.own, model, data, wrenches.ctypes.data))
+    add_up(context, data, wrenches, totals)
+    if context.resist != 0:
+        arguments = (context.own, model, data, wrenches.ctypes.data, totals.ctypes.data)
+        call(context.resist, arguments)
+    if kept[REFUSED] != 0:
+        totals[:] = np.nan  # MuJoCo gives up such a state
+    memories = floats_at(home + HOME_SIZE, (kept[MEMORIES], KEPT))
+    write_rows(context, data, totals, memories, floats_at(states, (kept[MEMORIES], MEMORY)))
+    kept[CALLS] += 1
+    kept[NANOSECONDS] += nanoseconds(context.clock, context.clock_number) - started
+
+
+# The plugin's functions
+
+
+@inline
+def lower_half(word):
+    """C's integer of 4 bytes that comes in a register of 8, of which the others say nothing."""
+    return word & 0xFFFFFFFF
+
+
+@inline
+def seam_at(number):
+    return word_at(seam() + 8 * number)
+
+
+@inline
+def word_of(data, instance):
+    """The address of the plugin's word in a state."""
+    return model_array(data, seam_at(WORDS)) + 8 * lower_half(instance)
+
+
+@kernel
+def place_of(number):
+    """The place in the slabs of the home of a number, 0 where there is none."""
+    slab, place = (number - 1) // SLAB, (number - 1) % SLAB
+    if number < 1 or slab >= MOST_SLABS:
+        return 0
+    start = word_at(seam_at(SLABS) + 8 * slab)
+    return 0 if start == 0 else start + 8 * place
+
+
+@kernel
+def known_home(number, owner, field):
+    """The home of a number if a field of it, DATA or OWN_STATES, is its owner's; else 0."""
+    place = place_of(number)
+    home = word_at(place) if place != 0 else 0
+    if home != 0 and word_at(home + 8 * field) != owner:
+        return 0
+    return home
+
+
+@kernel
+def home_of(model, data, instance):
+    """The home of a state, 0 where it has none. What a pickle has brought is put right first."""
+    word = word_of(data, instance)
+    if word_at(word) == 0:
+        return 0
+    home = known_home(word_at(word), data, DATA)
+    if home == 0:
+        call(seam_at(FIND), (model, data, lower_half(instance)))
+        home = known_home(word_at(word), data, DATA)
+    return home
+
+
+@kernel
+def water_instance(model):
+    """The instance of this plugin that acts in a model, -1 where there is none."""
+    count = integer_at(model + seam_at(INSTANCES))
+    slots = integers_at(model_array(model, seam_at(SLOTS)), (count,))
+    for i in range(slots.size):
+        if slots[i] == seam_at(SLOT):
+            return i
+    return -1
+
+
+@inline
+def content_number(home):
+    """Where the plugin's states hold the content of the model that they were reset with."""
+    kept = words_at(home, (HOME_SIZE // 8,))
+    return floats_at(kept[OWN_STATES] + 8 * MEMORY * kept[MEMORIES], (1,))
+
+
+@kernel
+def follow(home, model):
+    """Have the interpreter give a home the context of a model that hulls and waves are not made
+    from any more."""
+    kept, context = words_at(home, (HOME_SIZE // 8,)), context_at(word_at(home))
+    if kept[REFUSED] != 0 or content_of(context, model) != kept[CONTENT]:
+        call(seam_at(RENEW), (model, kept[OWN_STATES]))
+
+
+@kernel
+def follow_world(home, model):
+    """The same where the states were reset with another content than the home was: in a batch an
+    MjData serves many worlds, which may have hulls and waves of their own. States from before a
+    change of the model are in the water of today."""
+    wanted = content_number(home)
+    if content_of(context_at(word_at(home)), model) == wanted[0]:
+        follow(home, model)
+    wanted[0] = words_at(home, (HOME_SIZE // 8,))[CONTENT]
+
+
+@c_function
+def compute_at(model, data, instance, capability):
+    """Once a step, in the passive stage, and in mj_step1, mj_forward and mj_inverse."""
+    home = home_of(model, data, instance)
+    if home != 0:
+        kept = words_at(home, (HOME_SIZE // 8,))
+        if content_number(home)[0] != kept[CONTENT]:
+            follow_world(home, model)
+        call(context_at(word_at(home)).act, (home, model, data, kept[OWN_STATES]))
+
+
+@c_function
+def reset_at(model, states, number, instance):
+    """Forget all pushes. A model that hulls and waves are not made from any more gets a new
+    context, by the interpreter."""
+    if number == 0:
+        return
+    home = known_home(number, states, OWN_STATES)
+    if home == 0:  # from a pickle
+        call(seam_at(RENEW), (model, states))
+        return
+    kept = words_at(home, (HOME_SIZE // 8,))
+    floats_at(home + HOME_SIZE, (kept[MEMORIES] * KEPT,))[:] = 0.0
+    floats_at(states, (kept[MEMORIES] * MEMORY,))[:] = 0.0
+    follow(home, model)
+    content_number(home)[0] = kept[CONTENT]
+
+
+@c_function
+def copy_at(to, model, data, instance):
+    """What is remembered of the rows of xfrc_applied goes with them."""
+    source, target = home_of(model, data, instance), home_of(model, to, instance)
+    if source != 0 and target != 0:
+        count = words_at(source, (HOME_SIZE // 8,))[MEMORIES]
+        if words_at(target, (HOME_SIZE // 8,))[MEMORIES] == count:
+            remembered = floats_at(source + HOME_SIZE, (count * KEPT,))
+            floats_at(target + HOME_SIZE, (count * KEPT,))[:] = remembered
+
+
+@c_function
+def destroy_at(data, instance):
+    """The end of a state."""
+    word = word_of(data, instance)
+    home = known_home(word_at(word), data, DATA)
+    if home != 0:
+        end_home(home, place_of(word_at(word)))
+    store_word(word, 0)

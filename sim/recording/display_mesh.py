@@ -1,0 +1,191 @@
+"""Display mesh: the surfaces of a scene's hulls as they are drawn.
+
+Long edges are halved so that a waterline can bend between them, sharp edges get normals of
+their own, and all hulls lie in one set of arrays, so that a hundred of them cost few calls.
+"""
+
+import colorsys
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.geometry import rotation_matrix
+from sim.mjcf.floats import FloatingGeom
+from sim.recording.waterline_curves import faces_across
+from sim.runs.simulation import Sample
+from sim.scenes.buoyancy import Buoyancy
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+EDGES_IN_A_HULL = 12
+"""Edges along a drawn hull's longest side, at least: so finely its waterline bends."""
+
+SHARP_EDGE = float(np.cos(np.radians(30.0)))
+"""Cosine of the angle between a face's normal and the mean one at its corner beyond which the
+corner is drawn sharp. A box has 45 degrees at its edges and 35 or more at its corners."""
+
+
+VIVID = 0.55, 0.75
+"""Saturation and value that a colour of another hue has at least: greys differ in hue too then."""
+
+
+@dataclass(frozen=True, eq=False)
+class DisplayMesh:
+    """A hull's drawn surface.
+
+    name, geom, body: of its geom, the ids of that and its body; rgba: (4,) in 0 ... 255; size [m]:
+    diagonal of the hull's box; edge [m]: no drawn edge is longer; vertices: where its own are
+    among those of all of them.
+
+    What is drawn: corners (N, 3) [m] in the geom's frame, corner_normals (N, 3),
+    corner_faces (F, 3), and corner_vertices (N,), the vertex at each corner, counted from 0 in
+    this hull. Vertices on sharp edges have several corners.
+    """
+
+    name: str
+    geom: int
+    body: int
+    rgba: Array
+    size: float
+    edge: float
+    vertices: slice
+    corners: Array
+    corner_normals: Array
+    corner_faces: Indices
+    corner_vertices: Indices
+
+
+class DisplayMeshes:
+    """The drawn surfaces of all hulls of a scene, in the order of `buoyancy.floats`.
+
+    faces: (F, 3) of all of them, indices into the (V, 3) vertices that `placed` gives; across:
+    (F, 3), the neighbours across their edges; hue: by which their colours are off, in turns.
+    """
+
+    def __init__(self, buoyancy: Buoyancy, hue: float = 0.0) -> None:
+        self._bodies = buoyancy.float_bodies
+        self._meshes: list[DisplayMesh] = []
+        self._in_body: list[Array] = []
+        faces, count = [], 0
+        for f in buoyancy.floats:
+            mesh, vertices, own_faces = _display_mesh(buoyancy, f, count, hue)
+            geom = buoyancy.model.geom(f.geom)
+            self._meshes.append(mesh)
+            self._in_body.append(vertices @ rotation_matrix(geom.quat).T + geom.pos)
+            faces.append(own_faces + count)
+            count = mesh.vertices.stop
+        self.faces = np.concatenate(faces)
+        self.across = faces_across(self.faces)
+        self.vertex_count = count
+
+    def __iter__(self) -> Iterator[DisplayMesh]:
+        return iter(self._meshes)
+
+    def of_bodies(self) -> list[DisplayMesh]:
+        """The largest surface of each body, in the order of `buoyancy.bodies`."""
+        largest: dict[int, DisplayMesh] = {}
+        for mesh in sorted(self._meshes, key=lambda s: s.size):
+            largest[mesh.body] = mesh
+        return [largest[body] for body in sorted(largest)]
+
+    def placed(self, sample: Sample) -> Array:
+        """Vertices (V, 3) [m] of all of them in world axes."""
+        rotations = [rotation_matrix(q) for q in sample.quaternions]
+        points = np.empty((self.vertex_count, 3))
+        for mesh, vertices, b in zip(self._meshes, self._in_body, self._bodies, strict=True):
+            points[mesh.vertices] = vertices @ rotations[b].T + sample.positions[b]
+        return points
+
+
+def _display_mesh(
+    buoyancy: Buoyancy, geom: FloatingGeom, first: int, hue: float
+) -> tuple[DisplayMesh, Array, Indices]:
+    """The drawn surface of a hull whose vertices begin at `first`, and its refined surface."""
+    hull = geom.method.hull
+    sides = np.ptp(hull.bounds, axis=0)
+    edge = float(sides.max()) / EDGES_IN_A_HULL
+    vertices, faces = refined(hull.vertices, hull.faces, edge)
+    corner_vertices, corner_faces, normals = shaded_corners(vertices, faces)
+    mesh = DisplayMesh(
+        name=geom.name,
+        geom=geom.geom,
+        body=geom.body,
+        rgba=255.0 * with_hue_turned(buoyancy.model.geom(geom.geom).rgba, hue),
+        size=float(np.linalg.norm(sides)),
+        edge=edge,
+        vertices=slice(first, first + len(vertices)),
+        corners=vertices[corner_vertices],
+        corner_normals=normals,
+        corner_faces=corner_faces,
+        corner_vertices=corner_vertices,
+    )
+    return mesh, vertices, faces
+
+
+def with_hue_turned(rgba: Array, turns: float) -> Array:
+    """A colour (4,) in 0 ... 1 so many turns further along the circle of hues; itself for none."""
+    if turns == 0.0:
+        return rgba
+    hue, saturation, value = colorsys.rgb_to_hsv(*rgba[:3].tolist())
+    saturation, value = max(saturation, VIVID[0]), max(value, VIVID[1])
+    return np.array([*colorsys.hsv_to_rgb(hue + turns, saturation, value), rgba[3]])
+
+
+def shaded_corners(vertices: Array, faces: Indices) -> tuple[Indices, Indices, Array]:
+    """Corners of a surface for drawing: the vertex of each (N,), faces (F, 3) of corners and
+    outward unit normals (N, 3).
+
+    A vertex has one corner, with the mean normal of its faces by their area; but one for each of
+    its faces, with that face's own, if any of them is too steep to the mean (SHARP_EDGE).
+    """
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    area_vectors = np.cross(b - a, c - a)
+    smooth = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(smooth, faces[:, corner], area_vectors)
+    smooth, flat = _unit(smooth)[faces], np.repeat(_unit(area_vectors)[:, None], 3, axis=1)
+    too_steep = faces[np.einsum("fci,fci->fc", smooth, flat) < SHARP_EDGE]
+    is_sharp = np.isin(faces, too_steep)
+    owner = np.where(is_sharp, np.arange(len(faces))[:, None], -1)
+    keys = np.column_stack([faces.ravel(), owner.ravel()])
+    corners, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    normals = np.where(is_sharp[..., None], flat, smooth).reshape(-1, 3)[first]
+    return corners[:, 0], which.reshape(-1, 3), normals
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors (N, 3) at length 1; those without a length stay as they are."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(lengths > 0.0, lengths, 1.0)
+
+
+def refined(vertices: Array, faces: Indices, longest: float) -> tuple[Array, Indices]:
+    """The same closed surface with no edge longer than `longest` [m]: vertices (V, 3), faces
+    (F, 3). What needs no refining stays as it is.
+
+    Halves edges that are the longest of both their triangles, as often as needed, so that the
+    surface stays closed and no triangle gets thinner than it must (Rivara 1984).
+    """
+    while True:
+        ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1), axis=-1)
+        edges, of_face = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
+        of_face = of_face.reshape(-1, 3)
+        lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
+        # Ranks instead of lengths: of two edges that are equally long one must come first.
+        rank = np.argsort(np.argsort(lengths, kind="stable"), kind="stable")
+        longest_of_face = np.argmax(rank[of_face], axis=1)
+        chosen = of_face[np.arange(len(faces)), longest_of_face]
+        is_split = (np.bincount(chosen, minlength=len(edges)) == 2) & (lengths > longest)
+        if not is_split.any():
+            return vertices, faces
+        middle = len(vertices) + np.cumsum(is_split) - 1
+        vertices = np.vstack([vertices, vertices[edges[is_split]].mean(axis=1)])
+        halved = is_split[chosen]
+        turn = (longest_of_face[halved, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(faces[halved], turn, axis=1).T
+        m = middle[chosen[halved]]
+        halves = [np.column_stack([a, m, c]), np.column_stack([m, b, c])]
+        faces = np.concatenate([faces[~halved], *halves])

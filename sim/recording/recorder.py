@@ -1,0 +1,381 @@
+"""Recorder: Samples -> a Rerun file with its own blueprint.
+
+Entities, all in world axes [m]:
+
+    world/water                     the surface around the bodies, made of its own particles
+    world/bodies/<body>             pose of the body frame; below it its hulls, wet parts darker
+    world/waterline                 where the surface meets the hulls
+    world/forces/<force>            arrows at the centres of mass: buoyancy, weight, drag
+    world/trail                     where the centres of mass have just been
+    world/focus                     what the camera looks at and moves with
+    plots/<quantity>/<body>         heave, surge, height and those of the water [m], tilt, heel and
+                                    trim [deg], submerged fraction [-], vertical buoyant force
+                                    [weights]
+    others/<quantity>               the same of all bodies beyond MOST_PLOTTED, in one row, named
+    overview                        scene, sea, hulls and settings; at the end the means
+
+on the timelines `time` (simulated seconds) and `frame`.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from time import monotonic, perf_counter
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+import rerun as rr
+
+from sim.recording.display_mesh import DisplayMesh, DisplayMeshes
+from sim.recording.frame import WATER_RESOLUTION, Artist, Frame
+from sim.recording.look import (
+    COLOURS,
+    FORCE_COLOURS,
+    HEAD_PALETTE,
+    MOST_PLOTTED,
+    OTHER_SERIES,
+    SERIES,
+    WATER_OPACITY,
+    WATER_PALETTE,
+    WATER_SERIES_COLOUR,
+    WATERLINE_COLOUR,
+    WATERS,
+    WET_SHARE,
+    WET_TINT,
+    blueprint,
+    overview,
+    palette,
+    rounded,
+)
+from sim.recording.output import VIEWER_PORT, Output, Send, Sink, part
+from sim.runs.motions import Motions
+from sim.runs.simulation import Sample, Tally, observe
+from sim.scenes.scene import Scene
+
+ARROW_IN_HULLS, WIDEST_ARROW = 0.55, 1.6
+"""Length of the weight's arrow in diagonals of the body's largest hull, and of these in cube roots
+of the volume that it displaces at most: a slender hull's arrow would be longer than itself."""
+
+BATCH_SECONDS = 1.0
+"""Simulated time that is sent at once, in columns: a row by itself costs ten times as much."""
+
+LONGEST_WAIT, LONGEST_WAIT_TO_VIEW = 0.7, 0.05
+"""Seconds of wall time after which what there is of a batch is sent: a run that is killed loses no
+more than that and a frame, and somebody who looks on sees it move."""
+
+
+class SceneWriter:
+    """Writes the samples of one scene to an output, a second of them at once.
+
+    artist: what they look like; rate: frames a simulated second [Hz] at most, None for one a
+    sample; longest_wait: seconds, by its clock, that a frame may wait for others. frames: how many
+    there are by now.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        output: Sink,
+        artist: Artist,
+        rate: float | None = None,
+        longest_wait: float = LONGEST_WAIT,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        self.scene, self.frames = scene, 0
+        self._clock = clock
+        self._output, self._artist = output, artist
+        self._period, self._longest_wait = 0.0 if rate is None else 1.0 / rate, longest_wait
+        self._due: float | None = None
+        self._waiting: list[Frame] = []
+        self._tally = Tally(scene)
+        names = scene.buoyancy.body_names
+        self._plotted, self._others = names[:MOST_PLOTTED], names[MOST_PLOTTED:]
+        self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
+        self._motions = Motions(scene)
+        self._start = scene.data.xpos[scene.buoyancy.bodies, 0].copy()
+        self._palettes = [
+            palette(mesh.rgba[:3], mesh.rgba[:3] + WET_SHARE * (WET_TINT - mesh.rgba[:3]))
+            if artist.largest_head is None
+            else HEAD_PALETTE
+            for mesh in artist.meshes
+        ]
+        self._log_static()
+        output.flush()
+        artist.frame(observe(scene))  # compiles what is not, before the run's time counts
+        artist.forget()
+        self._sent_at = self._clock()
+
+    def log(self, sample: Sample) -> None:
+        """Add one sample as the next frame, unless it comes before one is due."""
+        self._tally.add(sample)
+        if self._due is None:
+            self._due = sample.time
+        if sample.time < self._due - 1e-9:
+            return
+        self._due += self._period
+        self.frames += 1
+        self._waiting.append(self._artist.frame(sample))
+        first = self._waiting[0].sample
+        late = self._clock() - self._sent_at > self._longest_wait
+        if late or sample.time - first.time >= BATCH_SECONDS:
+            self._send()
+            self._output.flush()
+
+    def finish(self) -> None:
+        """Write what is waiting and the means over the run."""
+        self._send()
+        self._log_overview()
+
+    def _log_static(self) -> None:
+        """All that stays as it is over the run."""
+        self._output.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._log_static_surfaces()
+        self._log_static_lines()
+        self._log_overview()
+
+    def _log_static_surfaces(self) -> None:
+        for mesh in self._artist.meshes:
+            geom = self.scene.model.geom(mesh.geom)
+            albedo = (
+                np.array([255.0, 255.0, 255.0, mesh.rgba[3]])
+                if self._artist.is_shaded
+                else mesh.rgba
+            )
+            self._output.log(
+                self._entity(mesh),
+                rr.Transform3D(translation=geom.pos, quaternion=np.roll(geom.quat, -1)),
+                rr.Mesh3D(
+                    vertex_positions=mesh.corners,
+                    triangle_indices=mesh.corner_faces,
+                    vertex_normals=mesh.corner_normals,
+                    albedo_factor=rounded(albedo),
+                ),
+                static=True,
+            )
+        water = rr.Mesh3D.from_fields(
+            triangle_indices=self._artist.water_faces,
+            albedo_factor=(255, 255, 255, WATER_OPACITY),
+        )
+        self._output.log("world/water", water, static=True)
+
+    def _log_static_lines(self) -> None:
+        """Colours and widths of all lines; a body's weight is as long as ARROW_IN_HULLS says."""
+        output, meshes = self._output, self._artist.meshes.of_bodies()
+        sizes = np.array([mesh.size for mesh in meshes])
+        density = self.scene.buoyancy.sea.density
+        displaced = self._weights / (density * -self.scene.model.opt.gravity[2])
+        lengths = ARROW_IN_HULLS * np.minimum(sizes, WIDEST_ARROW * np.cbrt(displaced))
+        self._metres_per_newton = (lengths / self._weights)[:, None]
+        weight = self._weights[:, None] * [0.0, 0.0, -1.0]
+        for name, colour in FORCE_COLOURS.items():
+            arrows = rr.Arrows3D.from_fields(colors=[colour], radii=0.014 * sizes)
+            output.log(f"world/forces/{name}", arrows, static=True)
+        weight = rr.Arrows3D.from_fields(vectors=self._metres_per_newton * weight)
+        output.log("world/forces/weight", weight, static=True)
+        waterline = rr.LineStrips3D.from_fields(
+            colors=[WATERLINE_COLOUR], radii=0.009 * min(mesh.size for mesh in self._artist.meshes)
+        )
+        output.log("world/waterline", waterline, static=True)
+        trail = rr.LineStrips3D.from_fields(
+            colors=[rounded(mesh.rgba[:3]) for mesh in meshes],
+            radii=0.006 * sizes,
+        )
+        output.log("world/trail", trail, static=True)
+        for quantity, path in SERIES.items():
+            for name, mesh in zip(self._plotted, meshes, strict=False):
+                colour, label, width = mesh.rgba[:3], name, 2.0
+                if quantity in WATERS:
+                    colour, label, width = WATER_SERIES_COLOUR, f"water at {name}", 1.0
+                line = rr.SeriesLines(names=label, colors=[rounded(colour)], widths=[width])
+                output.log(path.format(part(name)), line, static=True)
+            if self._others:
+                output.log(OTHER_SERIES[quantity], rr.SeriesLines(names=self._others), static=True)
+
+    def _entity(self, mesh: DisplayMesh) -> str:
+        buoyancy = self.scene.buoyancy
+        body = buoyancy.body_names[buoyancy.bodies.tolist().index(mesh.body)]
+        return f"world/bodies/{part(body)}/{part(mesh.name)}"
+
+    def _log_overview(self) -> None:
+        text = overview(self.scene, self._tally, self._artist.largest_head)
+        document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+        self._output.log("overview", document, static=True)
+
+    def _send(self) -> None:
+        """Send the frames that are waiting, every entity's in one call."""
+        self._sent_at = self._clock()
+        if not self._waiting:
+            return
+        frames, self._waiting = self._waiting, []
+        samples = [frame.sample for frame in frames]
+        indexes = [
+            rr.TimeColumn("time", duration=[sample.time for sample in samples]),
+            rr.TimeColumn("frame", sequence=range(self.frames - len(frames), self.frames)),
+        ]
+
+        def send(entity: str, columns: rr.ComponentColumnList) -> None:
+            self._output.send_columns(entity, indexes=indexes, columns=columns)
+
+        self._send_poses(samples, send)
+        self._send_surfaces(frames, send)
+        self._send_lines(frames, send)
+        self._send_forces(samples, send)
+        self._send_series(samples, send)
+
+    def _send_poses(self, samples: list[Sample], send: Send) -> None:
+        for i, name in enumerate(self.scene.buoyancy.body_names):
+            pose = rr.Transform3D.columns(
+                translation=[s.positions[i] for s in samples],
+                quaternion=np.roll([s.quaternions[i] for s in samples], -1, axis=1),
+            )
+            send(f"world/bodies/{part(name)}", pose)
+        level = self.scene.buoyancy.sea.level_at
+        focus = [[*s.centres[:, :2].mean(axis=0), float(level(s.time))] for s in samples]
+        send("world/focus", rr.Transform3D.columns(translation=focus))
+
+    def _send_surfaces(self, frames: list[Frame], send: Send) -> None:
+        """The water, and the wet part of each hull darker than the dry one."""
+        water = rr.Mesh3D.columns(
+            vertex_positions=np.concatenate([f.particles for f in frames]),
+            vertex_colors=WATER_PALETTE[np.concatenate([f.heights for f in frames])],
+        )
+        send("world/water", water.partition([f.particles.shape[0] for f in frames]))
+        if not self._artist.is_shaded:
+            return
+        wetness = np.stack([f.wetness for f in frames])
+        for mesh, shades in zip(self._artist.meshes, self._palettes, strict=True):
+            of_corners = np.take(wetness, mesh.vertices.start + mesh.corner_vertices, axis=1)
+            shade = rr.Mesh3D.columns(vertex_colors=np.take(shades, of_corners).ravel())
+            send(self._entity(mesh), shade.partition([len(mesh.corners)] * len(frames)))
+
+    def _send_lines(self, frames: list[Frame], send: Send) -> None:
+        lines = {"waterline": [f.curves for f in frames], "trail": [f.trail for f in frames]}
+        for name, strips in lines.items():
+            columns = rr.LineStrips3D.columns(strips=[line for frame in strips for line in frame])
+            if name == "waterline" or any(strips):
+                send(f"world/{name}", columns.partition([len(frame) for frame in strips]))
+
+    def _send_forces(self, samples: list[Sample], send: Send) -> None:
+        """Arrows at the centres of mass; the weight's vectors never change."""
+        sizes = [len(s.centres) for s in samples]
+        origins = np.concatenate([s.centres for s in samples]).astype(np.float32)
+        wrenches = {
+            "buoyancy": [s.body_wrenches for s in samples],
+            "drag": [s.drag_wrenches for s in samples],
+        }
+        for name, wrench in wrenches.items():
+            vectors = np.stack(wrench)[:, :, :3] * self._metres_per_newton
+            arrows = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), origins=origins)
+            send(f"world/forces/{name}", arrows.partition(sizes))
+        send("world/forces/weight", rr.Arrows3D.columns(origins=origins).partition(sizes))
+
+    def _send_series(self, samples: list[Sample], send: Send) -> None:
+        motions = [self._motions.of(s) for s in samples]
+        values = {
+            "heave": [m.heave for m in motions],
+            "water_above_level": [m.water for m in motions],
+            "surge": [s.positions[:, 0] - self._start for s in samples],
+            "heel_deg": [m.heel_deg for m in motions],
+            "trim_deg": [m.trim_deg for m in motions],
+            "height": [s.centres[:, 2] for s in samples],
+            "water_height": [s.elevations for s in samples],
+            "tilt_deg": [np.degrees(s.tilts) for s in samples],
+            "submerged_fraction": [s.submerged_fractions for s in samples],
+            "vertical_force": [s.body_wrenches[:, 2] / self._weights for s in samples],
+        }
+        for quantity, path in SERIES.items():
+            of_bodies = np.stack(values[quantity], axis=1)
+            for name, series in zip(self._plotted, of_bodies, strict=False):
+                send(path.format(part(name)), rr.Scalars.columns(scalars=series))
+            if self._others:
+                rows = rr.Scalars.columns(scalars=of_bodies[MOST_PLOTTED:].T.ravel())
+                sizes = [len(self._others)] * len(samples)
+                send(OTHER_SERIES[quantity], rows.partition(sizes))
+
+
+class Recording:
+    """Scene writers and the output that they share: closed with the block, whatever happens.
+
+    seconds: wall time that logging has taken.
+    """
+
+    def __init__(self, output: Output, writers: Sequence[SceneWriter]) -> None:
+        self._output, self._writers = output, writers
+        self.seconds = 0.0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def frames(self) -> int:
+        """How many there are by now."""
+        return self._writers[0].frames
+
+    def close(self) -> None:
+        """Write what is waiting and the means over the run, and close the file; a second time
+        does nothing."""
+        if not self._output.is_open:
+            return
+        started = perf_counter()
+        for writer in self._writers:
+            writer.finish()
+        self._output.close()
+        self.seconds += perf_counter() - started
+
+    def _log(self, samples: Sequence[Sample]) -> None:
+        started = perf_counter()
+        for writer, sample in zip(self._writers, samples, strict=True):
+            writer.log(sample)
+        self.seconds += perf_counter() - started
+
+
+class Recorder(Recording):
+    """Writes samples of one scene to an .rrd file, shows them in a viewer, or both; a context
+    manager.
+
+        with Recorder("run.rrd", scene) as recorder:
+            for sample in simulate(scene, 10.0):
+                recorder.log(sample)
+
+    path: of the file, or None for none; rate: frames a simulated second [Hz] at most, None for
+    one a sample; water_size [m]: side of the water's square; water_resolution: vertices along
+    that side; colour: what hulls are coloured by, "wet" or "pressure"; view: open a viewer, or use
+    the one that is open, and show the run as it goes; port: where that listens. frames, seconds:
+    how many there are by now, and the wall time they took.
+
+    The file is readable whenever the block is left, by an exception too. Missing folders are
+    made. Raises OSError when the file cannot be written, now or later (what was written until a
+    second before stays readable), or no viewer can be opened, ValueError for numbers that
+    cannot be.
+    """
+
+    def __init__(
+        self,
+        path: str | Path | None,
+        scene: Scene,
+        rate: float | None = None,
+        water_size: float | None = None,
+        water_resolution: int = WATER_RESOLUTION,
+        view: bool = False,
+        port: int = VIEWER_PORT,
+        colour: str = COLOURS[0],
+    ) -> None:
+        if rate is not None and not (np.isfinite(rate) and rate > 0.0):
+            raise ValueError(f"the recording rate is {rate}; it must be finite and above 0")
+        artist = Artist(scene, DisplayMeshes(scene.buoyancy), water_size, water_resolution, colour)
+        self.path = None if path is None else Path(path)
+        output = Output(self.path, scene.name, blueprint(scene), view, port)
+        longest_wait = LONGEST_WAIT_TO_VIEW if view else LONGEST_WAIT
+        super().__init__(output, [SceneWriter(scene, output, artist, rate, longest_wait)])
+
+    def log(self, sample: Sample) -> None:
+        """Add one sample as the next frame, unless it comes before one is due."""
+        self._log([sample])

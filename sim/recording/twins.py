@@ -1,0 +1,100 @@
+"""Twins: several simulations of one scene side by side in one recording."""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from sim.recording.display_mesh import DisplayMeshes
+from sim.recording.frame import WATER_RESOLUTION, Artist
+from sim.recording.look import DIFFERENCES, MOST_PLOTTED, SERIES, side_by_side_blueprint
+from sim.recording.output import Output, Part, part
+from sim.recording.recorder import BATCH_SECONDS, Recording, SceneWriter
+from sim.runs.simulation import Sample
+from sim.scenes.scene import Scene
+
+GOLDEN_TURN = 0.618
+"""From one twin's hue to the next: however many there are, no two of them come near each other."""
+
+
+class SideBySideRecorder(Recording):
+    """Writes several simulations of one scene to one .rrd file; a context manager.
+
+        with SideBySideRecorder("twins.rrd", {"linear": one, "chord:4": other}) as recorder:
+            for samples in zip(simulate(one, 10.0), simulate(other, 10.0)):
+                recorder.log(samples)
+
+    Each has a 3D view of its own, titled with its label, all in the same water, and colours of its
+    own there and in the plots, which share axes. What a `Recorder` writes stands below the entity
+    <label>. Raises OSError as it does.
+    """
+
+    def __init__(self, path: str | Path, scenes: Mapping[str, Scene]) -> None:
+        self.path = Path(path)
+        first = next(iter(scenes.values()))
+        name = f"{first.name}: {', '.join(scenes)}"
+        output = Output(self.path, name, side_by_side_blueprint(scenes))
+        writers = []
+        for i, (label, scene) in enumerate(scenes.items()):
+            meshes = DisplayMeshes(scene.buoyancy, hue=i * GOLDEN_TURN)
+            artist = Artist(scene, meshes, None, WATER_RESOLUTION)
+            own = Part(output, part(label))
+            writers.append(SceneWriter(scene, own, artist))
+        bodies = first.buoyancy.body_names[:MOST_PLOTTED]
+        for label, path_of, body in product(scenes, SERIES.values(), bodies):
+            title = f"water at {body}" if path_of.endswith("water") else body
+            line = rr.SeriesLines(names=f"{title}, {label}")
+            output.log(f"{part(label)}/{path_of.format(part(body))}", line, static=True)
+        super().__init__(output, writers)
+        self._differences = Differences(list(scenes), bodies, output)
+
+    def log(self, samples: Sequence[Sample]) -> None:
+        """Add one sample of each simulation, in the order of the scenes, as the next frame."""
+        self._differences.add(samples)
+        self._log(samples)
+
+    def close(self) -> None:
+        if self._output.is_open:
+            self._differences.send()
+        super().close()
+
+
+class Differences:
+    """Writes how far heave and tilt of the others are from the first's, a second of it at once."""
+
+    def __init__(self, labels: list[str], bodies: Sequence[str], output: Output) -> None:
+        self._labels, self._bodies, self._output = labels, bodies, output
+        self._waiting: list[Sequence[Sample]] = []
+        for entity, label, body in product(DIFFERENCES, labels[1:], bodies):
+            line = rr.SeriesLines(names=f"{body}, {label}")
+            output.log(self._path(entity, label, body), line, static=True)
+
+    def add(self, samples: Sequence[Sample]) -> None:
+        """Count in one sample of each simulation."""
+        self._waiting.append(samples)
+        if self._waiting[-1][0].time - self._waiting[0][0].time >= BATCH_SECONDS:
+            self.send()
+
+    def send(self) -> None:
+        """Send what is waiting."""
+        if not self._waiting:
+            return
+        waiting, self._waiting = self._waiting, []
+        indexes = [rr.TimeColumn("time", duration=[samples[0].time for samples in waiting])]
+        values = {
+            "heave": np.array([[s.positions[:, 2] for s in samples] for samples in waiting]),
+            "tilt": np.degrees([[s.tilts for s in samples] for samples in waiting]),
+        }
+        for entity, found in values.items():  # frames, twins, bodies
+            off = found[:, 1:] - found[:, :1]
+            for (j, label), (i, body) in product(
+                enumerate(self._labels[1:]), enumerate(self._bodies)
+            ):
+                columns = rr.Scalars.columns(scalars=off[:, j, i])
+                path = self._path(entity, label, body)
+                self._output.send_columns(path, indexes=indexes, columns=columns)
+
+    def _path(self, entity: str, label: str, body: str) -> str:
+        return f"difference/{entity}/{part(label)}/{part(body)}"

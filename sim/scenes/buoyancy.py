@@ -1,0 +1,153 @@
+"""Buoyancy: what Python may ask about the water of a model.
+
+The water itself acts without it: MuJoCo calls the plugin (see `seam`) in every step.
+"""
+
+from dataclasses import replace
+from functools import cached_property
+from typing import NoReturn
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.methods import Batch, Linear, Patches
+from sim.mjcf.faults import ModelError
+from sim.mjcf.floats import FloatingGeom, body_label
+from sim.plugin import native, seam
+from sim.plugin.context import Context, batches_of
+from sim.water.sea import Sea
+
+Array = NDArray[np.float64]
+
+FINE = 2000
+"""Faces of a hull from which on the linear method is right enough about its volume."""
+
+
+class Buoyancy:
+    """The water of one model, as it was when this was made.
+
+        buoyancy = Buoyancy.of(model)
+        buoyancy.sea.elevation(0.0, 0.0, data.time)
+        buoyancy.wrenches(data)
+
+    sea: what the hulls float in; floats: the hulls; bodies: (B,) ids of their bodies, each once;
+    float_bodies: (H,) for each hull its place in `bodies`; has_resistance: whether any hull has
+    drag or added mass. What it computes, it computes anew from the kinematics as they stand in a
+    state: `mj_step` leaves these one step behind, `mj_kinematics` updates them.
+    """
+
+    def __init__(self, model: mujoco.MjModel, context: Context) -> None:
+        self.model = model
+        self._context = context
+        self.sea: Sea = context.sea
+        self.floats: tuple[FloatingGeom, ...] = context.floats
+        self.bodies, self.float_bodies = context.bodies, context.float_bodies
+        self.has_resistance = context.has_resistance
+        self._geoms = np.array([f.geom for f in self.floats])
+        self._rows = np.array([f.body for f in self.floats])
+        self._displaced = np.array([f.displaced for f in self.floats])
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> "Buoyancy":
+        """The water of a compiled model. Raises ModelError for a model without the plugin, and
+        with all that is wrong where hulls or waves have changed since and cannot be any more."""
+        model = getattr(model, "ptr", model)  # dm_control's wrapper
+        if not seam.has_water(model):
+            raise ModelError(
+                [
+                    f"the model has no instance of the plugin '{seam.NAME}', so it is dry: add "
+                    f"{seam.ELEMENT} to its MJCF file, or load it by Scene.load or sim.add_water, "
+                    "which do; MjSpec.attach takes an instance along only where a body names it"
+                ]
+            )
+        return cls(model, seam.context_of(model))
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of `bodies`; 'body <id>' for one without a name."""
+        return tuple(body_label(self.model, b) for b in self.bodies)
+
+    @property
+    def takes_tolerance(self) -> bool:
+        """Whether any of the hulls' methods has a tolerance of water height."""
+        return any(f.method.takes_tolerance for f in self.floats)
+
+    @property
+    def is_current(self) -> bool:
+        """Whether hulls and waves are made from what the model has now. Raises ModelError where
+        they cannot be made from that."""
+        return seam.context_of(self.model) is self._context
+
+    def calls(self, data: mujoco.MjData) -> int:
+        """How often the water acted on a state since that was made: once a step, four times with
+        RK4."""
+        return seam.counted(self.model, data, native.CALLS)
+
+    def seconds(self, data: mujoco.MjData) -> float:
+        """Wall time [s] that this took."""
+        return 1e-9 * seam.counted(self.model, data, native.NANOSECONDS)
+
+    def wrenches(self, data: mujoco.MjData) -> Array:
+        """Wrench of every hull, (H, 6) [N, N m], world axes, torque about its body's centre of
+        mass. Writes nothing."""
+        wrenches = self._context.push(self.model, data)
+        arms = data.geom_xpos[self._geoms] - data.xipos[self._rows]
+        wrenches[:, 3:] += np.cross(arms, wrenches[:, :3])
+        return wrenches
+
+    def submerged_volumes(self, data: mujoco.MjData) -> Array:
+        """Volume (H,) [m^3] of each hull below the surface: the vertical force that hydrostatic
+        pressure would have, over density * gravity."""
+        sea = self.sea
+        if sea.pressure == "hydrostatic" or not sea.waves:
+            lifts = self._context.push(self.model, data)[:, 2] / self._displaced
+        else:
+            lifts = np.empty((len(self.floats), 6))
+            for batch in self._still_batches:
+                batch.write_wrenches(data.geom_xpos, data.geom_xmat, data.time, lifts)
+            lifts = lifts[:, 2]
+        return lifts / (sea.density * sea.gravity)
+
+    @cached_property
+    def _still_batches(self) -> list[Batch]:
+        """The hulls in the same water with hydrostatic pressure: patches where that takes few
+        faces to make, linear where the faces are fine anyway."""
+        still, made = self.sea.hydrostatic, {}
+        for f in self.floats:
+            hull = f.method.hull
+            kind = Patches if len(hull.faces) < FINE else Linear
+            made.setdefault(id(hull), kind(hull, still))
+        return batches_of([replace(f, method=made[id(f.method.hull)]) for f in self.floats], 1)
+
+    def drag_wrenches(self, data: mujoco.MjData) -> Array:
+        """Drag on every body of `bodies`, (B, 6) [N, N m], world axes, torque about its centre
+        of mass, for the state in `data`: the force of the water's resistance as such, without
+        added mass. Zero where the model asks for none. Updates the kinematics; writes no force."""
+        if not self.has_resistance:
+            return np.zeros((len(self.bodies), 6))
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_comVel(self.model, data)
+        return self._context.drags(self.model, data, self._context.push(self.model, data))
+
+    def pushes(self, data: mujoco.MjData) -> Array:
+        """The user's own part of the bodies' rows of xfrc_applied, (B, 6) [N, N m]: the rest is the
+        water's of the last step."""
+        rows = data.xfrc_applied[self.bodies]
+        found = rows.copy()
+        for memories in reversed(seam.memories_of(self.model, data)):
+            left, own = np.split(memories[self._memories], 2, axis=1)
+            found = np.where(rows == left, own, found)
+        return found
+
+    @property
+    def _memories(self) -> NDArray[np.int64]:
+        """For each of `bodies` its row among those that can move."""
+        return (np.cumsum(self.model.body_weldid != 0) - 1)[self.bodies]
+
+    def __getstate__(self) -> NoReturn:
+        raise TypeError(
+            "a Buoyancy belongs to its model in this process; pickle the model (or its file) and "
+            "ask there anew: Buoyancy.of(model)"
+        )
