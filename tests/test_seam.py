@@ -575,9 +575,9 @@ def test_what_cannot_be_added_is_refused_all_at_once():
     found = error.value.faults
     assert len(found) == 5
     assert found[0] == "there is no body 'torsi'; the model has torso, leg"
-    assert "field 'wav_swell' is unknown; expected numbers of water_density" in found[1]
-    assert found[2] == "field 'drag' takes numbers, not the text 'much'"
-    assert found[3] == "field 'buoyancy_method' takes a text, not 3"
+    assert "'wav_swell' is unknown; expected wave_<name>, sea_jonswap" in found[1]
+    assert found[2] == "field 'drag': 'much' is not a row of numbers"
+    assert found[3] == "field 'buoyancy_method': it takes a text, not 3"
     assert "the water density is -1" in found[4]
 
 

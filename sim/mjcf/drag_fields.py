@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim.geometry import moved_matrix
 from sim.hulls.hull import Hull
-from sim.mjcf.custom_fields import of_geom
+from sim.mjcf.elements import of_geom
 from sim.mjcf.floats import body_label
 from sim.mjcf.geoms import frame_rotation, geom_in_inertial_frame
 from sim.resistance.added_mass import added_mass_matrix, damping_matrix

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
-from sim.mjcf.custom_fields import COMPONENTS, RECORD
+from sim.mjcf.fields import COMPONENTS, RECORD
 
 FOLDERS = ("meshdir", "texturedir", "assetdir")
 """Attributes of <compiler> that say where files are looked for."""

@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 
 from sim.methods import Method
-from sim.mjcf.custom_fields import BUOYANT, elements_of, refuse_unknown
+from sim.mjcf.elements import elements_of
 from sim.mjcf.faults import Faults
+from sim.mjcf.fields import BUOYANT, refuse_unknown
 from sim.resistance.drag import Drag
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sim.hulls.hull import Hull
 from sim.hulls.union import overlapping, shared_volume, united
+from sim.methods import Settings
 from sim.mjcf.drag_fields import DragFields
 from sim.mjcf.floats import FloatingGeom
 from sim.mjcf.geoms import frame_rotation
@@ -25,23 +26,25 @@ NOTED = 1e-4
 
 @dataclass(frozen=True)
 class Shape:
-    """A hull in the frame of the first of the geoms that it is made from, and what a model says of
-    it: its name, who says which method it has and which, its drag, the share of its volume that it
-    displaces, and the prefix of the names of its part of the model."""
+    """A hull and what the model says about it.
+
+    geoms: the geoms that it is made from; the hull is in the frame of the first one. source: the
+    element that names the method. displaced: volume that it displaces, over its own.
+    """
 
     geoms: tuple[int, ...]
     name: str
     hull: Hull
     source: str
     method: str
+    settings: Settings
     drag: DragFields
     displaced: float
-    prefix: str
 
     @property
-    def settings(self) -> tuple[object, ...]:
-        """What hulls that are to become one must agree in."""
-        return self.method, self.drag.key, self.displaced, self.prefix
+    def key(self) -> tuple[object, ...]:
+        """What hulls must have in common to be united."""
+        return self.method, self.settings, self.drag.key, self.displaced
 
 
 def united_shapes(model: mujoco.MjModel, shapes: Sequence[Shape]) -> tuple[list[Shape], list[str]]:
@@ -50,7 +53,7 @@ def united_shapes(model: mujoco.MjModel, shapes: Sequence[Shape]) -> tuple[list[
     alike: dict[tuple[object, ...], list[Shape]] = {}
     for shape in shapes:
         body = int(model.geom_bodyid[shape.geoms[0]])
-        alike.setdefault((body, *shape.settings), []).append(shape)
+        alike.setdefault((body, *shape.key), []).append(shape)
     found, notes = [], []
     for members in alike.values():
         if len(members) == 1:

@@ -1,7 +1,7 @@
 """MJCF: what a compiled model says about water and hulls, and every refusal about a model.
 
 A scene is one MJCF file; what concerns the water stands in its `<custom>` element, by the names at
-the top of `custom_fields`. Everything else (mass, inertia, joints, initial keyframe, timestep) is
+`fields`. Everything else (mass, inertia, joints, initial keyframe, timestep) is
 MuJoCo's own business.
 """
 
@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 from sim.hulls.hull import Hull
 from sim.methods import Method, Settings, make_method
 from sim.mjcf.checks import check_physics, check_solver
-from sim.mjcf.custom_fields import (
-    COMPONENTS,
-    METHOD,
-    RECORD,
+from sim.mjcf.drag_fields import DragFields
+from sim.mjcf.elements import (
     check_geoms,
+    custom_names,
+    numbers_of,
     numerics_of,
     of_geom,
-    prefixes,
+    prefixes_of,
     texts_of,
 )
-from sim.mjcf.drag_fields import DragFields
 from sim.mjcf.faults import Faults
+from sim.mjcf.fields import COMPONENTS, METHOD, RECORD, TOLERANCE
 from sim.mjcf.floats import FloatingGeom, Listed, first_state, listed_geoms
 from sim.mjcf.geoms import geom_hull
 from sim.mjcf.notes import notes_about_sizes
@@ -45,13 +45,11 @@ Stamp = tuple[str, int, int] | None
 
 
 class Floating(NamedTuple):
-    """What a model says: the sea, the geoms that float in it, the number of threads that it asks
-    for, whether MuJoCo's pictures show the water, what there is to note about hulls and waves, and
-    the files that were read besides, by their names, as they were then."""
+    """What a model says: the sea, the geoms that float in it, whether MuJoCo's pictures show the
+    water, the notes about hulls and waves, and the stamps of the files that were read, by name."""
 
     sea: Sea
     floats: tuple[FloatingGeom, ...]
-    threads: int
     is_drawn: bool
     notes: tuple[str, ...]
     files: Mapping[str, Stamp]
@@ -96,30 +94,26 @@ def read_model(model: mujoco.MjModel) -> Floating:
     }
     sea = sea_of(model, [(p.prefix, p.numerics, p.texts) for p in parts], faults)
     shapes = [shape for part in parts for shape in _shapes(model, part, faults, notes)]
-    if all(part.numerics.get("buoyancy_union", [1.0])[0] for part in parts):
+    if all(numbers_of("buoyancy_union", part.numerics)[0] for part in parts):
         shapes, counted = united_shapes(model, shapes)
         notes += counted
     floats = []
     if sea is not None:
-        settings = {part.prefix: _read_settings(part.numerics) for part in parts}
-        floats = list(_floats(model, sea, shapes, settings, faults))
+        floats = list(_floats(model, sea, shapes, faults))
         if any(f.drag for f in floats):
             with faults.collected():
                 check_solver(model)
         notes += notes_about_sizes(sea, [(shape.name, shape.hull) for shape in shapes])
         notes += [f"geom '{f.name}': {note}" for f in floats for note in f.method.notes]
     faults.refuse(notes)
-    threads = next(
-        (p.numerics["buoyancy_threads"] for p in parts if "buoyancy_threads" in p.numerics), [1.0]
-    )
-    is_drawn = all(part.numerics.get("water_drawn", [1.0])[0] for part in parts)
-    return Floating(sea, tuple(floats), int(threads[0]), is_drawn, tuple(notes), files)
+    is_drawn = all(numbers_of("water_drawn", part.numerics)[0] for part in parts)
+    return Floating(sea, tuple(floats), is_drawn, tuple(notes), files)
 
 
 def _parts(model: mujoco.MjModel, faults: Faults) -> Iterator[Part]:
     """The model itself, and what was attached to it with a tuple of its own."""
     parts = []
-    for prefix in prefixes(model):
+    for prefix in prefixes_of(custom_names(model, mujoco.mjtObj.mjOBJ_TUPLE)):
         numerics, texts = numerics_of(model, prefix, faults), texts_of(model, prefix, faults)
         part = Part(prefix, numerics, texts, listed_geoms(model, prefix, faults))
         if part.listed or prefix or numerics or texts:
@@ -155,9 +149,9 @@ def _shapes(model: mujoco.MjModel, part: Part, faults: Faults, notes: list[str])
                 hull,
                 source,
                 text,
+                _settings_of(own, part.numerics),
                 drag,
-                _displaced(own, part.numerics),
-                part.prefix,
+                *numbers_of("displaced", part.numerics, own),
             )
 
 
@@ -170,22 +164,20 @@ def _method_of(names: Sequence[str], texts: Mapping[str, str]) -> tuple[str, str
     return "the default method", DEFAULT_METHOD
 
 
-def _displaced(names: Sequence[str], numerics: Numerics) -> float:
-    """The volume that a geom displaces, over that of its hull."""
-    return float(numerics.get(of_geom("displaced", names, numerics), [1.0])[0])
-
-
-def _read_settings(numerics: Numerics) -> Settings:
-    tolerance = numerics.get("buoyancy_tolerance", [None])[0]
-    samples = int(numerics.get("chord_samples", [Settings.chord_samples])[0])
-    return Settings(None if tolerance is None else float(tolerance), samples)
+def _settings_of(names: Sequence[str], numerics: Numerics) -> Settings:
+    """The settings of a geom's method."""
+    tolerance = numerics.get(of_geom(TOLERANCE, names, numerics))
+    (samples,) = numbers_of("chord_samples", numerics)
+    (reference_tolerance,) = numbers_of("reference_tolerance", numerics)
+    return Settings(
+        None if tolerance is None else float(tolerance[0]), int(samples), reference_tolerance
+    )
 
 
 def _floats(
     model: mujoco.MjModel,
     sea: Sea,
     shapes: Sequence[Shape],
-    settings: dict[str, Settings],
     faults: Faults,
 ) -> Iterator[FloatingGeom]:
     """The shapes with their methods and drag. Equal hulls share a method, which has no state."""
@@ -199,22 +191,22 @@ def _floats(
             hull, geom = shape.hull, shape.geoms[0]
             same = (
                 shape.method,
+                shape.settings,
                 shape.displaced,
-                shape.prefix,
                 hull.vertices.tobytes(),
                 hull.faces.tobytes(),
             )
             if same not in known:
-                known[same] = _made(shape, seas[shape.displaced], settings[shape.prefix])
+                known[same] = _made(shape, seas[shape.displaced])
             drag = shape.drag.made(model, geom, hull, sea, afloat)
             body = int(model.geom_bodyid[geom])
             united = shape.geoms if len(shape.geoms) > 1 else ()
             yield FloatingGeom(shape.name, geom, body, known[same], drag, shape.displaced, united)
 
 
-def _made(shape: Shape, sea: Sea, settings: Settings) -> Method:
+def _made(shape: Shape, sea: Sea) -> Method:
     try:
-        return make_method(shape.method, shape.hull, sea, settings)
+        return make_method(shape.method, shape.hull, sea, shape.settings)
     except ValueError as error:
         raise ValueError(f"{shape.source}: {error}") from None
 

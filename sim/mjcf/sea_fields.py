@@ -1,4 +1,4 @@
-"""Sea fields: the water that a model's custom fields describe."""
+"""Sea fields: from a model's custom fields to the sea that they describe, and back."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.mjcf.custom_fields import COMPONENTS, PRESSURE, RECORD
+from sim.mjcf.elements import numbers_of
 from sim.mjcf.faults import Faults
-from sim.mjcf.numbers import NUMERICS, WAVE, NumericKind
+from sim.mjcf.fields import COMPONENTS, NUMERICS, PRESSURE, RECORD, WATER_PREFIXES, numeric_base
 from sim.water.records import read_components, read_record
 from sim.water.sea import DEFAULT_PRESSURE, Sea
 from sim.water.spectrum import bretschneider, jonswap, ochi_hubble, pierson_moskowitz
@@ -29,11 +29,6 @@ CUTTING those by which it is cut into waves."""
 
 CUTTING = 4
 
-SEA_WATER_DENSITY = 1025.0  # kg/m^3, at 15 degrees C and 35 g/kg of salt
-
-WATERS = ("water", "wave_", "sea_")
-"""How the elements begin that describe the water."""
-
 
 def sea_of(
     model: mujoco.MjModel,
@@ -44,12 +39,12 @@ def sea_of(
     which say anything about the water; None where there is a fault."""
     found: dict[str, Sea] = {}
     for prefix, numerics, texts in parts:
-        says = any(name.startswith(WATERS) for name in (*numerics, *texts))
+        says = any(name.startswith(WATER_PREFIXES) for name in (*numerics, *texts))
         if says or len(parts) == 1:
             with faults.collected():
                 found[prefix] = _read_sea(model, numerics, texts, faults)
     if not found and not faults.found:
-        return Sea((), SEA_WATER_DENSITY, -float(model.opt.gravity[2]))
+        return _read_sea(model, {}, {}, faults)
     seas = list(found.items())
     for prefix, sea in seas[1:]:
         if sea != seas[0][1]:
@@ -78,18 +73,18 @@ def _read_sea(
         with faults.collected():
             try:
                 if name in SPECTRA:
-                    waves += _irregular(name, _in_radians(NUMERICS[name], values), gravity)
+                    waves += _irregular(name, _in_radians(name, values), gravity)
                 elif name.startswith("wave_"):
-                    waves.append(Wave(*_in_radians(WAVE, values)))
+                    waves.append(Wave(*_in_radians(name, values)))
             except ValueError as error:
                 raise ValueError(f"custom numeric '{name}': {error}") from None
     with faults.collected():
         waves += _from_files(numerics, texts, gravity)
-    density = float(numerics.get("water_density", [SEA_WATER_DENSITY])[0])
-    levels = numerics.get("water_level", [0.0])
-    level, tide = (float(levels[0]), ()) if len(levels) == 1 else (0.0, np.reshape(levels, (-1, 2)))
-    current = numerics.get("water_current", (0.0, 0.0))
-    ramp = float(numerics.get("water_ramp", [0.0])[0])
+    (density,) = numbers_of("water_density", numerics)
+    levels = numbers_of("water_level", numerics)
+    level, tide = (levels[0], ()) if len(levels) == 1 else (0.0, np.reshape(levels, (-1, 2)))
+    current = numbers_of("water_current", numerics)
+    (ramp,) = numbers_of("water_ramp", numerics)
     pressure = texts.get(PRESSURE, DEFAULT_PRESSURE)
     return Sea(waves, density, gravity, level, pressure, current, ramp, tide)
 
@@ -116,7 +111,7 @@ def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
             if name == COMPONENTS and name in texts:
                 waves += read_components(Path(texts[name]), gravity)
             elif name in texts:
-                numbers = _in_radians(NUMERICS[RECORD], numerics.get(RECORD, [0.0]))
+                numbers = _in_radians(RECORD, numerics.get(RECORD, ()))
                 heading, shortest, longest, *place = numbers
                 path = Path(texts[name])
                 waves += read_record(path, gravity, heading, (shortest, longest), tuple(place))
@@ -127,9 +122,26 @@ def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
     return waves
 
 
-def _in_radians(kind: NumericKind, values: NDArray[np.float64]) -> list[float]:
-    """All the numbers of a custom numeric, those in degrees in radians."""
+def _in_radians(name: str, values: Sequence[float]) -> list[float]:
+    """All numbers of a numeric, with angles in radians instead of degrees."""
+    field = NUMERICS[numeric_base(name)]
     return [
         float(np.radians(value)) if number.unit == "deg" else value
-        for number, value in zip(kind.numbers, kind.filled(values), strict=True)
+        for number, value in zip(field.numbers, field.filled(values), strict=True)
     ]
+
+
+def fields_of(sea: Sea) -> dict[str, Sequence[float] | str]:
+    """The fields, by name, that describe a sea: a model with them has the same sea, to the
+    round-off of angles in degrees."""
+    degrees = [(np.degrees(wave.heading), np.degrees(wave.phase)) for wave in sea.waves]
+    return {
+        "water_density": [sea.density],
+        "water_level": np.ravel(sea.tide) if sea.tide else [sea.level],
+        "water_current": sea.current,
+        "water_ramp": [sea.ramp],
+        PRESSURE: sea.pressure,
+    } | {
+        f"wave_{i}": (wave.amplitude, wave.wavelength, *angles)
+        for i, (wave, angles) in enumerate(zip(sea.waves, degrees, strict=True))
+    }

@@ -75,7 +75,7 @@ class Context:
         )
         drags = [f.drag for f in floats]
         self.has_resistance = any(drags)
-        self.batches = batches_of(floats, what.threads)
+        self.batches = batches_of(floats, 1)
         surfaces = [drag.surface for drag in drags if drag] or [np.zeros(1, SURFACE)]
         self._parts, self._push = self._method_of_pushing()
         self._block = packed(

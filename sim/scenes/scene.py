@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,7 +12,9 @@ from sim.mjcf.floats import first_state
 from sim.mjcf.notes import notes_about_places
 from sim.scenes.buoyancy import Buoyancy
 from sim.scenes.hydrostatics import notes_about_start
-from sim.scenes.spec import compiled, override, read_spec, with_plugin
+from sim.scenes.settings import Settings, override, set_sea
+from sim.scenes.spec import compiled, read_spec, with_plugin
+from sim.water.sea import Sea
 
 
 @dataclass(frozen=True)
@@ -29,21 +30,24 @@ class Scene:
     def load(
         cls,
         source: str | Path | mujoco.MjSpec,
-        method: str | None = None,
         *,
         name: str | None = None,
+        settings: Settings = (),
+        sea: Sea | None = None,
         densities: Mapping[str, float] | None = None,
         timestep: float | None = None,
         keyframe: str | None = None,
-        **overriding: Any,
     ) -> "Scene":
-        """Compile an MJCF file, or an MjSpec, and put it into a keyframe, by its name, or the first
-        one, if it has one. A model without the plugin gets it; the file stays as it is.
+        """Compile an MJCF file or an MjSpec, and put it into a keyframe.
 
-        What overrides the model: densities [kg/m^3] of geoms by their names, the timestep [s], and
-        the fields that `spec.override` takes. Raises FileNotFoundError, or ModelError with all that
-        is wrong with the model; warns by a Note of what is likely not meant, and of bodies that
-        will not stay as they start.
+        settings: custom fields that override the file's, as a mapping of names to numbers or texts,
+        or as "NAME=VALUE" strings (see `settings`). sea: replaces the water that the file
+        describes. densities [kg/m^3]: of geoms, by name. timestep [s]: overrides the file's.
+        keyframe: the name of the start; by default the first keyframe, if there is one.
+
+        The file stays as it is. A model without the plugin gets it. Raises FileNotFoundError, or
+        ModelError with everything that is wrong. Warns by a Note of what the user probably did not
+        intend, and of bodies that will not stay where they start.
         """
         is_file = not isinstance(source, mujoco.MjSpec)
         spec = read_spec(Path(source)) if is_file else source
@@ -54,7 +58,9 @@ class Scene:
                 if not (np.isfinite(timestep) and timestep > 0):
                     raise ValueError(f"the timestep is {timestep} s; it must be finite and above 0")
                 spec.option.timestep = timestep
-            override(spec, method, **overriding)
+            if sea is not None:
+                set_sea(spec, sea)
+            override(spec, settings)
             return cls.from_model(compiled(with_plugin(spec)), name, keyframe)
         except ModelError as error:
             raise (error.located(str(source)) if is_file else error) from None
