@@ -646,7 +646,7 @@ def test_a_gauge_without_water_and_one_without_a_site_are_refused():
     )
     with pytest.raises(ValueError, match="reads the water of 'waterline': add <extension>"):
         mujoco.MjModel.from_xml_string(alone)
-    with pytest.raises(ValueError, match='sits on a site: give it objtype="site"'):
+    with pytest.raises(ValueError, match='needs a site: set objtype="site"'):
         gauged(sensor=GAUGE.format("cube").replace('"site"', '"body"'))
 
 

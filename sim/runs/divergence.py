@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.geometry import areas, cone_centroid, cone_moments, cone_volumes, inertia_of
-from sim.plugin.seam import reading
+from sim.plugin.refusals import reading
 from sim.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -82,11 +82,11 @@ class Buoyancy:
     def calls(self, data: mujoco.MjData) -> int:
         """How often the water acted on a state since that was made: once a step, four times with
         RK4."""
-        return seam.counted(self.model, data, native.CALLS)
+        return seam.counted(data, native.CALLS)
 
     def seconds(self, data: mujoco.MjData) -> float:
         """Wall time [s] that this took."""
-        return 1e-9 * seam.counted(self.model, data, native.NANOSECONDS)
+        return 1e-9 * seam.counted(data, native.NANOSECONDS)
 
     def wrenches(self, data: mujoco.MjData) -> Array:
         """Wrench of every hull, (H, 6) [N, N m], world axes, torque about its body's centre of

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim.geometry import moved_matrix
 from sim.mjcf.floats import FloatingGeom, body_label
-from sim.plugin.seam import reading
+from sim.plugin.refusals import reading
 from sim.scenes.buoyancy import Buoyancy
 from sim.statics.equilibrium import Attitude, RigidFloat, rest
 from sim.statics.stability import righting_arms, vanishing_angle

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from sim.mjcf.faults import Faults, ModelError
 from sim.mjcf.fields import BUOYANT, COMPONENTS, RECORD
 from sim.plugin import seam
+from sim.plugin.refusals import refusals_raised
 from sim.scenes.settings import override
 
 BODY = mujoco.mjtObj.mjOBJ_BODY
@@ -84,7 +85,7 @@ def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """The model of a spec. Raises ModelError, with all that is wrong with its water, and ValueError
     for what MuJoCo refuses."""
     try:
-        with seam.refusals_raised():
+        with refusals_raised():
             return spec.compile()
     except ModelError:
         raise
