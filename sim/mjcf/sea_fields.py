@@ -24,23 +24,23 @@ SPECTRA = {
     "sea_pierson_moskowitz": pierson_moskowitz,
     "sea_ochi_hubble": ochi_hubble,
 }
-"""Custom numerics of irregular seas: their first numbers are those of a spectrum, the last
-CUTTING those by which it is cut into waves."""
+"""The spectrum of each irregular sea. The last WAVE_NUMBERS numbers of the field say how it is cut
+into waves; the others are arguments of the spectrum."""
 
-CUTTING = 4
+WAVE_NUMBERS = 4
 
 
 def sea_of(
     model: mujoco.MjModel,
-    parts: Sequence[tuple[str, Numerics, Texts]],
+    sections: Sequence[tuple[str, Numerics, Texts]],
     faults: Faults,
 ) -> Sea | None:
-    """The sea of a model of several parts, each with its prefix: the one that all of those have
-    which say anything about the water; None where there is a fault."""
+    """The one sea of all sections of a model that say anything about the water. sections: prefix,
+    numerics and texts of each. None if there is a fault."""
     found: dict[str, Sea] = {}
-    for prefix, numerics, texts in parts:
+    for prefix, numerics, texts in sections:
         says = any(name.startswith(WATER_PREFIXES) for name in (*numerics, *texts))
-        if says or len(parts) == 1:
+        if says or len(sections) == 1:
             with faults.collected():
                 found[prefix] = _read_sea(model, numerics, texts, faults)
     if not found and not faults.found:
@@ -50,15 +50,15 @@ def sea_of(
         if sea != seas[0][1]:
             with faults.collected():
                 raise ValueError(
-                    f"two different seas: that of {_whose(seas[0][0])} and that of "
-                    f"{_whose(prefix)}; give both the same custom water, wave and sea elements, "
-                    "or take those of one away"
+                    f"two different seas: of {_owner(seas[0][0])} and of "
+                    f"{_owner(prefix)}; give both the same custom water, wave and sea elements, "
+                    "or remove them from one"
                 )
     return seas[0][1] if seas else None
 
 
-def _whose(prefix: str) -> str:
-    return f"what was attached as '{prefix}'" if prefix else "the model itself"
+def _owner(prefix: str) -> str:
+    return f"the model attached as '{prefix}'" if prefix else "the model itself"
 
 
 def _read_sea(
@@ -67,7 +67,7 @@ def _read_sea(
     texts: Texts,
     faults: Faults,
 ) -> Sea:
-    gravity = abs(float(model.opt.gravity[2])) or 9.81  # else a fault of its own
+    gravity = abs(float(model.opt.gravity[2])) or 9.81  # other gravity is a fault
     waves: list[Wave] = []
     for name, values in numerics.items():
         with faults.collected():
@@ -90,15 +90,15 @@ def _read_sea(
 
 
 def _irregular(name: str, numbers: list[float], gravity: float) -> tuple[Wave, ...]:
-    """Waves of a spectrum that a custom numeric has the numbers of."""
-    own, cutting = numbers[:-CUTTING], numbers[-CUTTING:]
-    if name == "sea_pierson_moskowitz":  # whose period follows from it
+    """The waves of an irregular sea."""
+    own, cut = numbers[:-WAVE_NUMBERS], numbers[-WAVE_NUMBERS:]
+    if name == "sea_pierson_moskowitz":  # its period follows from gravity
         own = [*own, gravity]
-    return SPECTRA[name](*own).waves(*cutting, gravity)
+    return SPECTRA[name](*own).waves(*cut, gravity)
 
 
 def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
-    """Waves of the files that texts name."""
+    """The waves in the files that texts name."""
     waves: list[Wave] = []
     name = ""
     try:
