@@ -1,4 +1,4 @@
-"""Scene: an MJCF file as something that can be stepped: model, data and buoyancy."""
+"""Scene: a model with its state and its water, ready to be stepped."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from sim.water.sea import Sea
 
 @dataclass(frozen=True)
 class Scene:
-    """A model, its state and the water's push on it; `name` titles recordings and reports."""
+    """A model, its state and its water. name: the title of recordings and reports."""
 
     name: str
     model: mujoco.MjModel
@@ -71,21 +71,20 @@ class Scene:
     def from_model(
         cls, model: mujoco.MjModel, name: str = "scene", keyframe: str | None = None
     ) -> "Scene":
-        """The same for a model that is compiled already. Raises ModelError for one without the
-        plugin."""
+        """A scene of a compiled model. Raises ModelError for a model without the plugin."""
         buoyancy = Buoyancy.of(model)
         data = first_state(model, keyframe)
         mujoco.mj_forward(model, data)
         scene = cls(name, model, data, buoyancy)
         notes = notes_about_start(scene)
-        if keyframe is not None:  # the plugin has looked at the first one
+        if keyframe is not None:  # the plugin has looked at the first keyframe
             notes = [*notes_about_places(model, data, buoyancy.sea, buoyancy.floats), *notes]
         say(notes)
         return scene
 
 
 def _make_dense(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:
-    """Give geoms other densities [kg/m^3]. Raises ModelError."""
+    """Set the densities [kg/m^3] of geoms. Raises ModelError."""
     for name, density in densities.items():
         geom = spec.geom(name)
         if geom is None:
@@ -93,6 +92,6 @@ def _make_dense(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:
             raise ModelError([f"density: there is no geom '{name}'; the scene has {known}"])
         if geom.parent.explicitinertial:
             raise ModelError(
-                [f"density: the body of geom '{name}' has an <inertial> of its own; take it away"]
+                [f"density: the body of geom '{name}' has an <inertial> of its own; remove it"]
             )
         geom.density, geom.mass = density, np.nan  # NaN: by the density

@@ -1,4 +1,4 @@
-"""Spec: the water in a model that is not compiled yet (MuJoCo's MjSpec)."""
+"""Spec: water in a model that is not compiled yet (MuJoCo's MjSpec)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,12 +23,11 @@ def add_water(
         spec = sim.add_water("ant.xml", "torso", wave_swell=(0.1, 4, 0, 0), drag=(0.2, 1, 0.005))
         model = spec.compile()
 
-    source: an MjSpec, which is changed, or the path of an MJCF or URDF file, which is not. bodies:
-    names of what floats, with all that hangs on it; one that stands fixed in the world, as the base
-    of a URDF does, gets a free joint. fields: custom fields by their names (see `custom_fields`),
-    as numbers or texts; they replace those that the model has, and files that they name lie in the
-    current folder. Returns the spec. Raises FileNotFoundError, and ModelError with all that is
-    wrong.
+    source: an MjSpec, which is changed, or the path of an MJCF or URDF file, which stays as it is.
+    bodies: names of the bodies that float, each with its subtree. A body that is fixed in the
+    world, as the base of a URDF is, gets a free joint. fields: custom fields by name (see
+    `mjcf.fields`), as numbers or texts. They replace the model's. Returns the spec. Raises
+    FileNotFoundError, or ModelError with all faults.
     """
     spec = source if isinstance(source, mujoco.MjSpec) else read_spec(Path(source))
     faults = Faults()
@@ -55,8 +54,8 @@ def _body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
 
 
 def read_spec(path: Path) -> mujoco.MjSpec:
-    """The MjSpec of an MJCF or URDF file; files that its fields name lie beside it. Raises
-    FileNotFoundError, and ValueError for what MuJoCo cannot read."""
+    """The MjSpec of an MJCF or URDF file. Files that its fields name are looked for beside it.
+    Raises FileNotFoundError, or ValueError for a file that MuJoCo cannot read."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no scene file {path}; give the path of an MJCF file")
     try:
@@ -74,7 +73,7 @@ def read_spec(path: Path) -> mujoco.MjSpec:
 
 
 def with_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """The spec, with an instance of the plugin if it had none."""
+    """Add an instance of the plugin to a spec without one, and return the spec."""
     if not any(plugin.plugin_name == seam.NAME for plugin in spec.plugins):
         spec.activate_plugin(seam.NAME)
         spec.add_plugin(plugin_name=seam.NAME, name=seam.INSTANCE)
@@ -82,8 +81,8 @@ def with_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
 
 
 def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The model of a spec. Raises ModelError, with all that is wrong with its water, and ValueError
-    for what MuJoCo refuses."""
+    """Compile a spec. Raises ModelError with all faults of its water, or ValueError for what MuJoCo
+    refuses."""
     try:
         with refusals_raised():
             return spec.compile()
@@ -94,12 +93,12 @@ def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _reason(error: ValueError) -> str:
-    """MuJoCo's message, which has several lines, in one."""
+    """MuJoCo's message, in one line."""
     return f"MuJoCo cannot compile it: {' '.join(str(error).split())}"
 
 
 def _list(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
-    """Name bodies in the tuple, besides those that are there."""
+    """Add bodies to the tuple `buoyant`."""
     kinds, names = [], []
     for found in [t for t in spec.tuples if t.name == BUOYANT]:
         kinds, names = list(found.objtype), list(found.objname)
