@@ -516,7 +516,7 @@ def test_attached_boats_float_where_some_instance_comes_along(named, of_parent, 
 def test_attach_drops_an_instance_that_stands_alone():
     compiled = fleet(named=False, of_parent=False).compile()
     assert compiled.nplugin == 0
-    with pytest.raises(ModelError, match=r"MjSpec\.attach takes an instance along only"):
+    with pytest.raises(ModelError, match=r"MjSpec\.attach copies an instance only"):
         Buoyancy.of(compiled)
 
 

@@ -21,8 +21,8 @@ from sim.water.sea import Sea
 Array = NDArray[np.float64]
 
 FINE_FACES = 2000
-"""Number of faces above which the linear method computes the submerged volume of a hull. Below it,
-patches do, which are exact on few faces."""
+"""Number of faces above which the linear method computes the submerged volume of a hull. Below it
+patches do, because their error does not depend on the faces."""
 
 
 class Buoyancy:
