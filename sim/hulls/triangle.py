@@ -6,8 +6,8 @@ density * gravity * e pushes against the outward area vector S = (b - a) x (c - 
     F = - density gravity  (e_a + e_b + e_c)/3  S
     T = - density gravity  [ (a + b + c)(e_a + e_b + e_c) + a e_a + b e_b + c e_c ]/12  x  S
 
-with the torque about the origin of a, b, c. Kernels return F and T divided by
-- density gravity, so that the caller scales a sum once.
+with the torque about the origin of a, b, c. Kernels return F and T over - density gravity, so that
+the caller scales a sum once.
 """
 
 import numpy as np
@@ -118,17 +118,16 @@ def clipped(corners, heads):
 def clip_dry_part(ax, ay, az, bx, by, bz, cx, cy, cz, ea, eb, ec):
     """What a straight clip takes from the corner sums of a triangle that the water cuts.
 
-    Corner a is the odd one out: the only wet corner or the only dry one. The waterline crosses
-    the edges ab and ac at p and q, where the head, linear along each edge, is zero.
-    Summing the closed form over the wet corners alone counts their heads over the whole
-    triangle; the difference to the wet part is, whichever corner a is,
+    Corner a is the only wet one or the only dry one. The waterline crosses the edges ab and ac at p
+    and q, where the head, linear along each edge, is zero. Summing the closed form over the wet
+    corners alone counts their heads over the whole triangle. In both cases the difference to the
+    wet part is
 
         |e_a| / 3  (1 - t_b t_c)                                  on S, and
         |e_a| / 12 [ (2a + b + c) - (2a + p + q) t_b t_c ]        on x S,
 
-    t_b and t_c being the fractions of the edges from a to p and from a to q: both cases
-    are "the whole minus the odd corner" with the sign of e_a turned. Returns the factor of S
-    and the vector to be crossed with S.
+    where t_b and t_c are the fractions of the edges from a to p and from a to q. Returns the factor
+    of S and the vector to be crossed with S.
     """
     tb = ea / (ea - eb)
     tc = ea / (ea - ec)

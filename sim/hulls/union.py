@@ -148,12 +148,13 @@ def outer_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Hull, float, i
     vertices, faces = np.asarray(vertices, dtype=float), np.asarray(faces)
     name = shells_of(distinct_points(vertices)[1][faces])
     shells = [faces[name == n] for n in np.unique(name)]
-    outward = [shell for shell in shells if signed_volume(vertices, shell) > 0.0]
-    inward = [shell for shell in shells if signed_volume(vertices, shell) <= 0.0]
-    if len(shells) < 2 or not outward:
+    if len(shells) < 2:
         return Hull(vertices, faces), 0.0, 0
+    outward, inward = [], []
+    for shell in shells:
+        (outward if signed_volume(vertices, shell) > 0.0 else inward).append(shell)
     hulls = [Hull(vertices, shell) for shell in outward]
-    if not all(_is_cavity(vertices, shell, hulls) for shell in inward):
+    if not hulls or not all(_is_cavity(vertices, shell, hulls) for shell in inward):
         return Hull(vertices, faces), 0.0, 0  # which says what is wrong
     twice, whole = 0.0, []
     for group in overlapping(np.array([hull.bounds for hull in hulls])):

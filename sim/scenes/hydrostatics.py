@@ -16,10 +16,6 @@ from sim.statics.report import FloatingBody, Hydrostatics, report
 
 Array = NDArray[np.float64]
 
-OMEGA_H, OMEGA_H_RK4 = 2.0, 2.0 * np.sqrt(2.0)
-"""Angular frequency times timestep above which an undamped oscillation grows, by semi-implicit
-Euler and by RK4. MuJoCo's other integrators are like Euler: none knows the water's stiffness."""
-
 TURNS_OVER = 30.0
 """Degrees between start and rest above which there is a note."""
 
@@ -40,9 +36,16 @@ def hydrostatics(scene: Afloat, with_gz: bool = True) -> dict[str, Hydrostatics]
 
     with_gz: whether righting arms are computed, which takes most of the time.
     """
-    is_rk4 = scene.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-    omega_h = OMEGA_H_RK4 if is_rk4 else OMEGA_H
+    omega_h = largest_omega_h(scene.model)
     return {body.name: report(body, omega_h, with_gz) for body in trees(scene).values()}
+
+
+def largest_omega_h(model: mujoco.MjModel) -> float:
+    """Angular frequency [rad/s] times timestep [s] above which a model's integrator lets undamped
+    oscillations on the water grow. All but RK4 are like semi-implicit Euler there, because none
+    knows the water's stiffness."""
+    is_rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+    return 2.0 * np.sqrt(2.0) if is_rk4 else 2.0
 
 
 def notes_about_start(scene: Afloat) -> Iterator[str]:
