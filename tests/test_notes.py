@@ -290,7 +290,7 @@ def test_the_displaced_volume_may_be_another_than_the_hulls():
     assert scene.buoyancy.submerged_volumes(scene.data)[0] == pytest.approx(1.0, rel=ROUND_OFF)
     found = hydrostatics(scene, with_gz=False)["cube"]
     assert found.volume_m3 == pytest.approx(0.25)
-    assert found.displacement_m3 == pytest.approx(128.0 / DENSITY)
+    assert found.rest.displacement_m3 == pytest.approx(128.0 / DENSITY)
     with pytest.raises(ModelError, match=r"'displaced_cube': .* is 0; it must be above 0"):
         afloat(custom=custom.replace("0.25", "0"))
 
@@ -353,7 +353,7 @@ def test_the_wrapper_of_dm_control_is_taken():
 
 
 STARTS = {
-    "sinks": (CUBE.replace("512.5", "3000"), "'cube' will sink: it weighs 3000 kg"),
+    "sinks": (CUBE.replace("512.5", "3000"), "'cube' sinks: it weighs 3000 kg"),
     "turns over": (
         CUBE.replace("0.5 0.5 0.5", "0.1 0.1 1"), "'cube' will turn over.*rests 90 deg from how",
     ),

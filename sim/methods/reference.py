@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import area_vectors, areas
+from sim.geometry import area_vectors, areas, sides
 from sim.hulls.hull import Hull
 from sim.hulls.triangle import clipped, gauss_rule, sum_wet
 from sim.methods.method import Method, Settings, pose_arrays
@@ -162,10 +162,9 @@ class _Water:
 
 
 def _horizontal_radius(corners: Array) -> Array:
-    """Radius (N,) [m] of a circle that, seen from above, covers the triangle: its longest side
-    over the root of 3 (Jung's theorem)."""
-    sides = corners[..., :2] - np.roll(corners[..., :2], 1, axis=1)
-    return np.linalg.norm(sides, axis=2).max(axis=1) / np.sqrt(3.0)
+    """Radius (N,) [m] of a circle that covers the triangle, seen from above: its longest side over
+    the root of 3 (Jung's theorem)."""
+    return sides(corners[..., :2]).max(axis=1) / np.sqrt(3.0)
 
 
 def _halved(water: _Water, corners: Array, heads: Array) -> tuple[Array, Array, float]:
