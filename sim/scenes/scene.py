@@ -14,6 +14,7 @@ from sim.mjcf.notes import notes_about_places
 from sim.scenes.buoyancy import Buoyancy
 from sim.scenes.hydrostatics import notes_about_start
 from sim.scenes.spec import compiled, override, read_spec, with_plugin
+from sim.scenes.timestep import notes_about_timestep
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,8 @@ class Scene:
 
         What overrides the model: densities [kg/m^3] of geoms by their names, the timestep [s], and
         the fields that `spec.override` takes. Raises FileNotFoundError, or ModelError with all that
-        is wrong with the model; warns by a Note of what is likely not meant, and of bodies that
-        will not stay as they start.
+        is wrong with the model; warns by a Note of what is likely not meant, of bodies that will
+        not stay as they start, and of a timestep that is too long.
         """
         is_file = not isinstance(source, mujoco.MjSpec)
         spec = read_spec(Path(source)) if is_file else source
@@ -71,7 +72,7 @@ class Scene:
         data = first_state(model, keyframe)
         mujoco.mj_forward(model, data)
         scene = cls(name, model, data, buoyancy)
-        notes = notes_about_start(scene)
+        notes = [*notes_about_start(scene), *notes_about_timestep(scene)]
         if keyframe is not None:  # the plugin has looked at the first one
             notes = [*notes_about_places(model, data, buoyancy.sea, buoyancy.floats), *notes]
         say(notes)
