@@ -95,16 +95,19 @@ def _fastest(
     for f in floats:
         hull, turn = f.method.hull, data.geom_xmat[f.geom].reshape(3, 3)
         arm, corners = data.geom_xpos[f.geom] - centre, hull.vertices[hull.faces]
-        points = (0.5 * (corners + np.roll(corners, 1, axis=1))).reshape(-1, 3)  # mid-edges
-        places = points @ turn.T + arm
+        mid_edges = (0.5 * (corners + np.roll(corners, 1, axis=1))).reshape(-1, 3) @ turn.T + arm
+        points = np.column_stack([mid_edges, np.ones(len(mid_edges))])
+        middle = turn @ hull.centroid + arm
         for axis, stiffness in zip(np.eye(3), stiffnesses, strict=True):
             outline = np.abs(hull.area_vectors @ turn.T @ axis).repeat(3) / 6.0  # it has two sides
-            outline *= sea.density * sea.gravity * f.displaced
-            rises = np.hstack([np.broadcast_to(axis, places.shape), np.cross(places, axis)])
-            stiffness += (rises.T * outline) @ rises
+            moments = sea.density * sea.gravity * f.displaced * (points.T * outline) @ points
+            rises = np.zeros((6, 4))  # of a point, as the body moves in each of six ways
+            rises[:3, 3], rises[3:, :3] = axis, np.cross(np.eye(3), axis).T
+            stiffness += rises @ moments @ rises.T
             # the centre of buoyancy lies below the waterplane, which makes the body turn over
-            depths = (points - hull.centroid) @ turn.T @ axis
-            stiffness[3:, 3:] -= 0.5 * (outline @ depths**2) * (np.eye(3) - np.outer(axis, axis))
+            depth = np.append(axis, -axis @ middle)
+            across = np.eye(3) - np.outer(axis, axis)
+            stiffness[3:, 3:] -= 0.5 * (depth @ moments @ depth) * across
         if f.drag is not None and f.drag.added_mass is not None:
             added += wet_share * moved_matrix(f.drag.added_mass, turn.T @ -arm, turn.T)
     jacobian, response = np.zeros((2, 6, model.nv))
