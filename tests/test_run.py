@@ -156,8 +156,8 @@ def test_recording_has_the_rate_and_the_water_asked_for(tmp_path, monkeypatch):
 
 
 def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path, monkeypatch, capsys):
-    """Negative damping feeds the cube's motion until the numbers overflow."""
-    scene = (MODELS / "cube.xml").read_text()
+    """Negative damping feeds the motion of a cube without drag until the numbers are huge."""
+    scene = (MODELS / "cube.xml").read_text().replace("0.2 1.05 0.0047", "0 0 0")
     still = '<freejoint name="cube"/>'
     wild = '<joint type="free" damping="-5000"/>'
     assert still in scene

@@ -14,6 +14,7 @@ from sim.scenes.buoyancy import Buoyancy
 from sim.scenes.hydrostatics import notes_about_start
 from sim.scenes.settings import Settings, override, set_sea
 from sim.scenes.spec import compiled, read_spec, with_plugin
+from sim.scenes.timestep import notes_about_timestep
 from sim.water.sea import Sea
 
 
@@ -47,7 +48,7 @@ class Scene:
 
         The file stays as it is. A model without the plugin gets it. Raises FileNotFoundError, or
         ModelError with everything that is wrong. Warns by a Note of what the user probably did not
-        intend, and of bodies that will not stay where they start.
+        intend, of bodies that will not stay where they start, and of a timestep that is too long.
         """
         is_file = not isinstance(source, mujoco.MjSpec)
         spec = read_spec(Path(source)) if is_file else source
@@ -76,7 +77,7 @@ class Scene:
         data = first_state(model, keyframe)
         mujoco.mj_forward(model, data)
         scene = cls(name, model, data, buoyancy)
-        notes = notes_about_start(scene)
+        notes = [*notes_about_start(scene), *notes_about_timestep(scene)]
         if keyframe is not None:  # the plugin has looked at the first keyframe
             notes = [*notes_about_places(model, data, buoyancy.sea, buoyancy.floats), *notes]
         say(notes)
