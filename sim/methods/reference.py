@@ -29,18 +29,18 @@ from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
-FINEST = 1e-14
+SMALLEST_TOLERANCE = 1e-14
 """Smallest tolerance, as a share of density * gravity * volume. Round-off exceeds smaller ones."""
 
 MOST_PIECES = 4_000_000
 """Maximum number of triangles at a level. Far from the origin in position or time the phases are
 noise, and no halving would reach the tolerance."""
 
-NOISE = 10.0
+NOISE_TOLERANCES = 10.0
 """Largest round-off from the phases, in tolerances. It may exceed 1 because the round-off averages
 out."""
 
-MAX_LEVELS = 24
+MOST_HALVINGS = 24
 """Maximum number of halvings. They reduce a kilometre to a tenth of a millimetre; more would only
 add round-off."""
 
@@ -57,11 +57,12 @@ class Reference(Method):
     """
 
     def __init__(
-        self, hull: Hull, sea: Sea, tolerance: float = 1e-9, halvings: int = MAX_LEVELS
+        self, hull: Hull, sea: Sea, tolerance: float = 1e-9, halvings: int = MOST_HALVINGS
     ) -> None:
-        if not FINEST <= tolerance < np.inf:
+        if not SMALLEST_TOLERANCE <= tolerance < np.inf:
             raise ValueError(
-                f"the tolerance is {tolerance}; it must be finite and {FINEST:g} or more"
+                f"the tolerance is {tolerance}; it must be finite and "
+                f"{SMALLEST_TOLERANCE:g} or more"
             )
         super().__init__(hull, sea)
         self.tolerance = float(tolerance)
@@ -88,7 +89,7 @@ class Reference(Method):
         rates = 2.0 * np.pi * waves["frequency"] * abs(time)
         rates += waves["wavenumber"] * float(np.hypot(*position[:2]))
         noise = eps * float(waves["amplitude"] @ rates) * self._area / self.hull.volume
-        if noise > NOISE * self.tolerance:
+        if noise > NOISE_TOLERANCES * self.tolerance:
             raise RuntimeError(
                 f"at {position.tolist()} m and {time:g} s, round-off of the waves' phases leaves a "
                 f"relative error of {noise:.1g} in the wrench, above the tolerance "

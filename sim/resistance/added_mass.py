@@ -8,11 +8,11 @@ from sim.hulls.hull import Hull
 
 Array = NDArray[np.float64]
 
-MOST = 10.0
+MOST_DISPLACED_MASSES = 10.0
 """Largest plausible added mass, in displaced masses. A larger one is refused as an error of
 units."""
 
-SYMMETRY = 1e-9
+MATRIX_ROUND_OFF = 1e-9
 """Relative round-off allowed in a symmetric, positive semidefinite matrix given in decimals."""
 
 
@@ -31,10 +31,11 @@ def added_mass_matrix(hull: Hull, density: float, added_mass: ArrayLike) -> Arra
         return _from_coefficients(hull, density, given)
     matrix = _checked(given.reshape(6, 6), "added mass")
     heaviest, displaced = np.diag(matrix)[:3].max(), density * hull.volume
-    if heaviest > MOST * displaced:
+    if heaviest > MOST_DISPLACED_MASSES * displaced:
         raise ValueError(
             f"the added mass matrix has {heaviest:.4g} kg, {heaviest / displaced:.3g} times the "
-            f"displaced mass; expected at most {MOST:g} times: use kg, kg m and kg m^2"
+            f"displaced mass; expected at most {MOST_DISPLACED_MASSES:g} times: use kg, kg m and "
+            "kg m^2"
         )
     return matrix
 
@@ -68,13 +69,13 @@ def _checked(matrix: Array, quantity: str) -> Array:
     Raises ValueError for others."""
     largest = np.abs(matrix).max()
     asymmetry = np.abs(matrix - matrix.T).max()
-    if asymmetry > SYMMETRY * largest:
+    if asymmetry > MATRIX_ROUND_OFF * largest:
         raise ValueError(
             f"the {quantity} matrix is not symmetric: two opposite entries differ by "
             f"{asymmetry:g}; set both to their mean"
         )
     lowest = np.linalg.eigvalsh(matrix)[0]
-    if lowest < -SYMMETRY * largest:
+    if lowest < -MATRIX_ROUND_OFF * largest:
         raise ValueError(
             f"the {quantity} matrix has the negative eigenvalue {lowest:g}, which would add "
             "energy to a moving body; it must be positive semidefinite"

@@ -20,7 +20,7 @@ import numpy as np
 from sim.kernels import kernel, summing_kernel
 from sim.resistance.drag import ELEMENTS, add_squares
 
-HOLD = 1e-3
+MEAN_VELOCITY_SHARE = 1e-3
 """Weight of the water's mean velocity in the fit, as a share of the weight of the wet surface."""
 
 
@@ -60,8 +60,8 @@ def fit_matrix(surface, work, lower_out):
     lower_out[:] = 0.0
     add_squares(s, s.normal_x, s.normal_y, s.normal_z, e.wet, 1.0, lower_out)
     for i in range(3):
-        lower_out[i, i] += HOLD * area / 3.0
-        lower_out[3 + i, 3 + i] += HOLD * spread / 3.0
+        lower_out[i, i] += MEAN_VELOCITY_SHARE * area / 3.0
+        lower_out[3 + i, 3 + i] += MEAN_VELOCITY_SHARE * spread / 3.0
     factor(lower_out)
 
 

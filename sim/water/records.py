@@ -23,10 +23,10 @@ from sim.water.wave import Wave
 
 Array = NDArray[np.float64]
 
-KEPT_ENERGY = 0.99995
+KEPT_ENERGY_SHARE = 0.99995
 """Share of a record's energy in its band that is kept. The smallest components are dropped."""
 
-ROUNDS = 12
+CORRECTION_ROUNDS = 12
 """Number of corrections of the components. Each reduces the difference to a share of about k a."""
 
 COMPONENT_NAMES = ("amplitude", "wavelength", "period", "heading", "phase")
@@ -122,7 +122,7 @@ class _Series:
                 f"expected 1 to {MOST_WAVES}; change the band's periods"
             )
         parts[~self.is_in_band] = 0.0
-        for _ in range(ROUNDS):
+        for _ in range(CORRECTION_ROUNDS):
             sea = Sea(self._waves(parts), gravity=self.gravity)
             found = sea.elevation(*self.place, self.times)
             missed = wanted - (found - found[:count].mean())
@@ -135,7 +135,7 @@ class _Series:
         energy = np.abs(parts) ** 2
         order = np.argsort(-energy, kind="stable")
         before = np.concatenate([[0.0], np.cumsum(energy[order])[:-1]])
-        self.is_in_band[order[before >= KEPT_ENERGY * energy.sum()]] = False
+        self.is_in_band[order[before >= KEPT_ENERGY_SHARE * energy.sum()]] = False
 
     def _waves(self, parts: Array) -> tuple[Wave, ...]:
         """Waves of the chosen components. A component's cos(omega t + angle) equals the wave's sine

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.water.wave import FEW, Wave, largest_sum
+from sim.water.wave import PLAIN_SUM_WAVES, Wave, largest_sum
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ FREQUENCIES = np.geomspace(0.3, 30.0, 20_001)
 WIDEST_SPREAD = np.sqrt(2.0)
 """Standard deviation [rad] of headings that are uniform over all directions."""
 
-MOST_WAVES, MOST_SEED = 5_000, 2**53
+MOST_WAVES, LARGEST_SEED = 5_000, 2**53
 """Maximum number of waves of a sea, each of which adds to the cost of every step; and the largest
 seed, above which the doubles of a custom numeric cannot tell consecutive integers apart."""
 
@@ -172,7 +172,7 @@ def _check_folding(parts: Array, height: float) -> None:
     steepness, count = largest_sum(parts), len(parts)
     if steepness < 1.0:
         return
-    met = " as waves meet" if count > FEW else ""
+    met = " as waves meet" if count > PLAIN_SUM_WAVES else ""
     raise ValueError(
         f"the waves of this sea fold: the sum of k a over {count} waves is {steepness:.3f}{met} "
         f"and must stay below 1; lower the significant height below {height / steepness:.3g} m, "
@@ -199,7 +199,7 @@ def _check_directions(heading: float, spread: float) -> None:
 
 def _check_counts(waves: int, seed: int) -> None:
     for name, value, least, most in (
-        ("number of waves", waves, 1, MOST_WAVES), ("seed", seed, 0, MOST_SEED)
+        ("number of waves", waves, 1, MOST_WAVES), ("seed", seed, 0, LARGEST_SEED)
     ):  # fmt: skip
         if not (least <= value <= most and value == int(value)):
             raise ValueError(

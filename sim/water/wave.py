@@ -10,11 +10,11 @@ from sim.kernels import read_only
 from sim.water.gerstner import WAVE
 
 SIGMAS = 7.0
-"""Bound on sums of waves (in J, the head's slope and heights), in standard deviations. Sums of sines
-have thinner tails than the normal distribution, in which one crest in 4e10 exceeds seven standard
-deviations. A hull of ten by ten wavelengths meets 5e4 crests an hour."""
+"""Bound on sums of waves (in J, the head's slope and heights), in standard deviations. Sums of
+sines have thinner tails than the normal distribution, in which one crest in 4e10 exceeds seven
+standard deviations. A hull of ten by ten wavelengths meets 5e4 crests an hour."""
 
-FEW = 25
+PLAIN_SUM_WAVES = 25
 """Number of equally steep waves up to which their plain sum is the smaller bound. For more waves,
 SIGMAS standard deviations are less."""
 
