@@ -9,7 +9,7 @@ from benchmarks.random_cases import random_cases, random_hull
 from benchmarks.seas import SEAS, waterline_poses
 from sim import Hull, Patches, Reference, Sea, Wave
 from sim.geometry import across, area_vectors, areas, cone_volumes, sides, split_triangles
-from sim.methods import patch_sizes
+from sim.methods.patches import sizes as patch_sizes
 from sim.methods.patches.fit import jet_radius, jet_tolerance
 from sim.methods.patches.sizes import (
     EDGE_RADII,

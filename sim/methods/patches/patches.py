@@ -22,8 +22,8 @@ stages:
    surely wet adds its moments times the coefficients. Only nodes on the waterline are opened.
 3. At the leaves, heads of the vertices from the polynomial and the straight clip.
 
-The work grows with the number of wavelets under the hull and the length of the waterline, not with
-the number of triangles. Only stage 1 computes sines and cosines.
+The work grows with the number of small waves under the hull and the length of the waterline, not
+with the number of triangles. Only stage 1 computes sines and cosines.
 
 In an opened leaf, heads are linear over each triangle. The terms of the polynomial beyond that are
 added in proportion to the wet share of the leaf. A leaf that becomes wet all over then has exactly
@@ -92,8 +92,7 @@ CHOSEN = record(patch="i8", instance="i8", pose="i8")
 """A patch that the water could reach, its instance and its pose."""
 
 FOUND = record(node="i8", chosen="i8")
-"""A node that a walk found, wet, or the leaf of an opened one, and the number of its chosen
-patch."""
+"""Result of a walk: a wet node or the leaf of an opened one, and the number of its chosen patch."""
 
 CUT = record(code="i8", opened="i8")
 """A triangle that the waterline cuts, as in `triangle_codes`, and the number of its opened leaf."""
@@ -144,8 +143,8 @@ class Patches(Compiled):
             self.notes = (
                 f"the water's height is kept to {self.tolerance:.2g} m instead of "
                 f"{default_tolerance(hull):.2g} m: {len(self.tree.patches)} patches cannot follow "
-                "waves this steep or short more closely; set buoyancy_tolerance to choose a "
-                "tolerance",
+                "waves this steep or short more closely; a buoyancy_tolerance that you set is "
+                "kept or refused",
             )
         self.fitted = jet_waves(sea, self.radius)
         self._prepare()
@@ -164,9 +163,7 @@ class Patches(Compiled):
         hulls in different seas."""
         sea = methods[0].sea
         if any(method.sea is not sea for method in methods):
-            raise ValueError(
-                "the hulls of a batch must float in one sea; make a batch for each sea"
-            )
+            raise ValueError("hulls of a batch must float in one sea; make a batch for each sea")
         of_trees = list({id(method.tree): method for method in methods}.values())
         numbers = {id(method.tree): i for i, method in enumerate(of_trees)}
         first = np.cumsum([0] + [len(method.tree.patches) for method in of_trees])
