@@ -88,7 +88,7 @@ STRENGTH = record(
 linear, form, friction: density times coefficients, the factors of u_n, |u_n| u_n and |u_t| u_t;
 fade [1/m]: decay of the first with depth; area [m^2] of all elements; volume [m^3] that they
 enclose, as a symmetric (3, 3) matrix, see `enclosed_volume`; steps: number of Newton steps to the
-labels; residual [m] that is allowed after them.
+labels; residual [m]: the largest allowed before the last of these steps.
 """
 
 WORK = record(
