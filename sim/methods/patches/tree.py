@@ -56,8 +56,8 @@ AXIS_SQUARINGS = 8
 1.1 times as much as in the next is then known to 1e-10. Between closer axes, the choice does not
 matter."""
 
-SMALLEST_AREA = 1e-300
-"""Area that replaces 0, so that a cluster of degenerate triangles has a middle."""
+SMALLEST_DIVISOR = 1e-300
+"""Area that replaces 0 where areas divide, so that a cluster of degenerate triangles has a middle."""
 
 MOST_TREE_TRIANGLES = 2_000_000
 """Number of triangles at which splitting stops. Such a tree takes several gigabytes."""
@@ -227,7 +227,9 @@ def _lloyd(points: Array, sizes: Array, seeds: Array) -> tuple[Integers, Array]:
         find_nearest(points, seeds, nearest)
         total = np.bincount(nearest, sizes, len(seeds))[:, None]
         sums = [np.bincount(nearest, sizes * along, len(seeds)) for along in points.T]
-        seeds = np.where(total > 0.0, np.transpose(sums) / np.maximum(total, SMALLEST_AREA), seeds)
+        seeds = np.where(
+            total > 0.0, np.transpose(sums) / np.maximum(total, SMALLEST_DIVISOR), seeds
+        )
     return nearest, seeds
 
 
@@ -254,7 +256,7 @@ class _Builder:
         self.radius = radius
         self.middles = corners.mean(axis=1)
         self.area_vectors = area_vectors(corners)
-        self.sizes = np.maximum(np.linalg.norm(self.area_vectors, axis=1), SMALLEST_AREA)
+        self.sizes = np.maximum(np.linalg.norm(self.area_vectors, axis=1), SMALLEST_DIVISOR)
         first, numbers = distinct_points(corners.reshape(-1, 3))
         self.points, self.numbers = corners.reshape(-1, 3)[first], numbers.reshape(-1, 3)
 
