@@ -475,8 +475,8 @@ def add_damping(surface, strength, work, factor, damping_out):
 
 @kernel
 def solve_elements(surface, strength, flow, work, labels_out):
-    """Solve the heights of the water above the elements and the LABELS there, then the depths and
-    wet areas. Return the sum of the wet areas."""
+    """Heights of the water above the elements and the LABELS there, and then their depths and wet
+    areas; returns the sum of these."""
     e, guess = work[0], np.empty(1, LABELS)
     residual, steps = strength.residual, strength.steps
     set_labels(e.x, e.y, guess)

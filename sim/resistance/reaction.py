@@ -106,7 +106,7 @@ def subtract_turning(velocity, water, rate_out):
 
 @kernel
 def add_added_mass(fraction, growth, factor, hull, reaction_out):
-    """Add a hull's added mass. growth [1/s]: time derivative of the submerged fraction."""
+    """Add a hull's added mass. growth [1/s]: of the submerged fraction."""
     r = reaction_out[0]
     velocity, known, momentum = r.velocity - r.water, r.pull - r.bias, np.zeros(6)
     subtract_turning(r.velocity, r.water, known)

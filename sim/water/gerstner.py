@@ -284,7 +284,7 @@ def safeguarded_steps(x, y, guess_x, guess_y, waves, time, tolerance, labels, su
             return at.x[0], at.y[0], p.z[0] + (p.z_x[0] * step_x + p.z_y[0] * step_y)
     if best == np.inf:
         return np.nan, np.nan, np.nan
-    at.x[0], at.y[0] = label_x, label_y  # no step helped at a fold: take the nearest label
+    at.x[0], at.y[0] = label_x, label_y  # in a fold no step may help: what came nearest
     wave_sums(1, waves, time, labels, sums)
     return label_x, label_y, p.z[0]
 

@@ -89,7 +89,7 @@ def solve_heads(x, y, z, waves, water, time, heads_out):
         px, py, heads = x[start:end], y[start:end], heads_out[start:end]
         filled = set_labels(px, py, guess)
         solve_labels(px, py, guess, waves, time, water[0].tolerance, 1, heads, labels)
-        for i in range(end - start):  # heads holds the heights so far
+        for i in range(end - start):  # until here these are the heights
             heads[i] = depth(heads[i], z[start + i] - level)
             depths[i] = heads[i]
         if decays:

@@ -12,7 +12,7 @@ MOTION = record(x=ROW, y=ROW, z=ROW)
 """Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points."""
 
 VELOCITY, ACCELERATION = 0, 1
-"""Orders of a motion: the time derivatives of the particles' position."""
+"""Orders of a motion."""
 
 
 @kernel

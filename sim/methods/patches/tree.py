@@ -57,7 +57,7 @@ AXIS_SQUARINGS = 8
 matter."""
 
 SMALLEST_DIVISOR = 1e-300
-"""Area that replaces 0 where areas divide, so that a cluster of degenerate triangles has a middle."""
+"""Area that replaces 0, so that a cluster of degenerate triangles has a middle."""
 
 MOST_TREE_TRIANGLES = 2_000_000
 """Number of triangles at which splitting stops. Such a tree takes several gigabytes."""
@@ -428,7 +428,7 @@ def divide(order, starts, centres, corners, numbers, nodes_out, spans_out, first
 
 @kernel
 def box_of(chosen, corners, centre, nodes_out, n):
-    """The box around triangles, relative to a patch's centre, into node n."""
+    """The box around triangles, from a patch's centre, into node n."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for t in chosen:
         for c in range(3):
@@ -491,8 +491,8 @@ def halve(chosen_out, near, corners):
 
 @kernel
 def widest_axis(spread):
-    """The approximate eigenvector (3,) of the largest eigenvalue of a matrix (3, 3). Powers of the
-    matrix approach a multiple of the projection onto it."""
+    """The eigenvector (3,) of the largest eigenvalue of a matrix (3, 3), nearly: powers become a
+    multiple of the projection onto it."""
     power = spread.copy()
     for _ in range(AXIS_SQUARINGS):
         largest = max(np.abs(power).max(), 1e-300)
