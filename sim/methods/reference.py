@@ -169,8 +169,8 @@ class _Water:
 
 
 def _horizontal_radius(corners: Array) -> Array:
-    """Radius (N,) [m] of a circle that covers the triangle, seen from above: its longest side over
-    the root of 3 (Jung's theorem)."""
+    """Radius (N,) [m] of a circle that, seen from above, covers the triangle: its longest side
+    over the root of 3 (Jung's theorem)."""
     sides = corners[..., :2] - np.roll(corners[..., :2], 1, axis=1)
     return np.linalg.norm(sides, axis=2).max(axis=1) / np.sqrt(3.0)
 
