@@ -189,7 +189,7 @@ def test_ctrl_c_gives_status_130_and_a_readable_recording(tmp_path):
     [
         (["missing.xml", "--methods", "linear"], "there is no scene file missing.xml"),
         ([MODELS / "cube.xml"], "--methods"),
-        ([MODELS / "cube.xml", "--methods", "guess"], "'guess' is no method"),
+        ([MODELS / "cube.xml", "--methods", "guess"], "'guess' is not a method"),
         ([MODELS / "cube.xml", "--methods", "linear", "--duration", "5"], "run longer"),
         ([MODELS / "cube.xml", "--methods", "linear", "--rate", "0"], "0 is not a number above 0"),
     ],

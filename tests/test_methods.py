@@ -60,7 +60,7 @@ def test_labels_name_a_method_its_setting_and_a_pressure(label, made):
 @pytest.mark.parametrize(
     ("label", "message"),
     [
-        ("guess", "'guess' is no method; expected one of: linear, chord, patches, reference"),
+        ("guess", "'guess' is not a method; expected one of: linear, chord, patches, reference"),
         ("linear:4", "'linear:4': linear takes no number"),
         ("chord:x", "invalid literal"),
         ("patches:0", r"method 'patches': the tolerance is 0.0"),

@@ -95,7 +95,7 @@ def test_all_faults_are_told_at_once(tmp_path, capsys):
         Scene.load(mujoco.MjSpec.from_string(FAULTY))
     faults = caught.value.faults
     words = ("density is 1000", "flag gravity", "wave_a' has 3", "water_depth' is unknown",
-             "rock' belongs to the world", "'magic' is no method")  # fmt: skip
+             "rock' belongs to the world", "'magic' is not a method")  # fmt: skip
     for word in words:
         assert sum(word in fault for fault in faults) == 1, word
     assert all("\n" not in fault for fault in faults)

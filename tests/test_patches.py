@@ -19,8 +19,9 @@ from independent import (
 )
 from sim import Hull, Linear, Patches, Reference, Sea, Wave
 from sim.methods import Place
+from sim.methods.patches import fit
 from sim.methods.patches.fit import (
-    SHIFT,
+    CENTRE_SHIFT_RADII,
     fitted_waves,
     head_jet_error,
     jet_error,
@@ -28,7 +29,6 @@ from sim.methods.patches.fit import (
     jet_waves,
 )
 from sim.methods.patches.tree import build_tree
-from sim.water import fit
 from sim.water.samples import sample_places
 
 CUBE = trimesh.creation.box(extents=[1.0, 1.0, 1.0])
@@ -152,7 +152,7 @@ def test_jets_hold_at_other_places_than_those_that_they_were_tried_on(monkeypatc
     for water, find_error in ((sea.hydrostatic, jet_error), (decaying(sea), head_jet_error)):
         radius, _ = jet_radius(water, tolerance, largest=1.0)
         monkeypatch.setattr(fit, "sample_places", lambda _: places)
-        error = find_error(water, jet_waves(water, radius), (1.0 + SHIFT) * radius)
+        error = find_error(water, jet_waves(water, radius), (1.0 + CENTRE_SHIFT_RADII) * radius)
         monkeypatch.undo()
         assert 0.5 * tolerance < error < tolerance
 

@@ -74,7 +74,7 @@ BROKEN = {
     "nothing floats": (["empty.xml"], "nothing floats"),
     "unknown method": (
         [MODELS / "cube.xml", "--set", "buoyancy_method=magic"],
-        "'magic' is no method; expected one of",
+        "'magic' is not a method; expected one of",
     ),
     "no duration": ([MODELS / "cube.xml", "--duration", "0"], "--duration: 0 is not"),
     "no number": ([MODELS / "cube.xml", "--rate", "fast"], "--rate: invalid positive value"),

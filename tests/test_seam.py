@@ -454,7 +454,7 @@ def test_files_lie_in_the_current_folder_where_mujoco_itself_compiles(tmp_path, 
 
 
 def test_a_percent_sign_is_no_format_of_printf():
-    with pytest.raises(ValueError, match="'%s%n' is no method"):
+    with pytest.raises(ValueError, match="'%s%n' is not a method"):
         model(custom='<text name="buoyancy_method" data="%s%n"/>')
 
 
