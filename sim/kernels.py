@@ -32,8 +32,12 @@ from numba import config, njit, typeof, types
 from numba.core import event
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.ccallback import CFunc
+from numba.extending import intrinsic
 from numba.misc.appdirs import user_cache_dir
+from numba.np.arrayobj import make_array
 from numpy.typing import NDArray
+
+from sim.addresses import WORD, array_of
 
 Kernel = TypeVar("Kernel")
 
@@ -106,7 +110,8 @@ def _warn_of_no_cache() -> None:
 
 
 def _compiled(function: Kernel, *liberties: str) -> Kernel:
-    dispatcher = njit(fastmath=set(liberties), error_model="numpy", nogil=True)(function)
+    options = {"fastmath": set(liberties), "error_model": "numpy", "nogil": True}
+    dispatcher = njit(no_cfunc_wrapper=True, **options)(function)
     dispatcher._cache = _kept_code(function)
     return dispatcher
 
@@ -227,8 +232,18 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-@inline
-def table(block, i, dtype):
+@intrinsic
+def table(typingctx, block, i, dtype):
     """Table number i of a block: an array of records of a type."""
-    directory = block[:DIRECTORY].view(np.int64)
-    return block[directory[2 * i] : directory[2 * i + 1]].view(dtype)
+    kind = types.Array(dtype.dtype, 1, "C", readonly=True)
+
+    def codegen(context, builder, signature, args):
+        start = make_array(block)(context, builder, args[0]).data
+        directory = builder.bitcast(start, WORD.as_pointer())
+        place = builder.mul(args[1], WORD(2))
+        first = builder.load(builder.gep(directory, [place]))
+        end = builder.load(builder.gep(directory, [builder.add(place, WORD(1))]))
+        count = builder.sdiv(builder.sub(end, first), WORD(kind.dtype.size))
+        return array_of(context, builder, kind, builder.gep(start, [first]), [count])
+
+    return kind(block, types.int64, dtype), codegen

@@ -46,25 +46,30 @@ def test_a_block_is_closed_and_its_tables_begin_at_lines_of_the_cache():
 
 
 def run(folder: Path, code: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run Python in a folder that has the module `kernels`, with its cache in that folder too."""
-    shutil.copy(REPOSITORY / "sim" / "kernels.py", folder)
+    """Run Python in a folder whose package `sim` has kernels.py, with a cache in that folder."""
+    (folder / "sim").mkdir(exist_ok=True)
+    for name in ("kernels.py", "addresses.py"):
+        shutil.copy(REPOSITORY / "sim" / name, folder / "sim")
     variables = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache")} | environment
+    variables["PYTHONPATH"] = str(folder)
     command = [sys.executable, "-c", code]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, env=variables)
 
 
 def test_an_edited_kernel_is_compiled_again_in_those_that_call_it(tmp_path):
     """They are in another file, which has not changed."""
-    (tmp_path / "above.py").write_text(
-        "from kernels import kernel\nfrom below import value\n\n\n"
+    package = tmp_path / "sim"
+    package.mkdir()
+    (package / "above.py").write_text(
+        "from sim.kernels import kernel\nfrom sim.below import value\n\n\n"
         "@kernel\ndef twice():\n    return 2 * value()\n"
     )
 
     def answer(value: int) -> str:
-        (tmp_path / "below.py").write_text(
-            f"from kernels import kernel\n\n\n@kernel\ndef value():\n    return {value}\n"
+        (package / "below.py").write_text(
+            f"from sim.kernels import kernel\n\n\n@kernel\ndef value():\n    return {value}\n"
         )
-        return run(tmp_path, "from above import twice; print(twice())").stdout
+        return run(tmp_path, "from sim.above import twice; print(twice())").stdout
 
     assert [answer(21), answer(21), answer(34)] == ["42\n", "42\n", "68\n"]
 
@@ -86,7 +91,7 @@ def test_compiling_is_told_when_it_happens_and_only_then():
 
 
 TWICE = (
-    "from kernels import c_query, kernel\n\n\n"
+    "from sim.kernels import c_query, kernel\n\n\n"
     "@kernel\ndef twice(x):\n    return 2 * x\n\n\n"
     "@c_query\ndef thrice(x):\n    return 3 * x\n"
 )

@@ -19,6 +19,7 @@ from independent import (
 )
 from sim import Hull, Linear, Patches, Reference, Sea, Wave
 from sim.methods import Place
+from sim.methods.patches import fit
 from sim.methods.patches.fit import (
     SHIFT,
     fitted_waves,
@@ -28,7 +29,6 @@ from sim.methods.patches.fit import (
     jet_waves,
 )
 from sim.methods.patches.tree import build_tree
-from sim.water import fit
 from sim.water.samples import sample_places
 
 CUBE = trimesh.creation.box(extents=[1.0, 1.0, 1.0])

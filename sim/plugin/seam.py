@@ -330,7 +330,17 @@ def _init_gauge(model: int, data: int, instance: int) -> int:
             return _refused(
                 ModelError([f"the plugin '{GAUGE}' sits on a site: give it objtype=\"site\""])
             )
+    with _notice_of_compiling():
+        _plugin(GAUGE).compute = gauge_at.address
     return 0
+
+
+@ctypes.CFUNCTYPE(None, WORD, WORD, WORD, WORD, INTEGER)
+def _draw(model: int, data: int, option: int, scene: int, instance: int) -> None:
+    """Draw the first picture, and let the kernel, which is compiled only now, draw the others."""
+    with _notice_of_compiling():
+        _plugin(NAME).visualize = draw_at.address
+    draw_at.call(model, data, option, scene, instance)
 
 
 @ctypes.CFUNCTYPE(None)
@@ -380,6 +390,13 @@ def _refused(error: Exception) -> int:
     return -1
 
 
+def _plugin(name: str) -> Plugin:
+    """A plugin as MuJoCo has it."""
+    known = mujoco_library().mjp_getPluginAtSlot
+    known.restype = ctypes.POINTER(Plugin)
+    return known(_slot(name)).contents
+
+
 def _slot(name: str) -> int:
     """A plugin's number among MuJoCo's, -1 before it is registered."""
     slot = INTEGER(-1)
@@ -425,13 +442,10 @@ def _join_kernels() -> None:
     native.SEAM[native.SLOT] = _slot(NAME)
     native.SEAM[native.SLABS] = homes.directory.ctypes.data
     native.SEAM[native.FIND], native.SEAM[native.RENEW] = _address_of(_find), _address_of(_renew)
-    known = mujoco_library().mjp_getPluginAtSlot
-    known.restype = ctypes.POINTER(Plugin)
-    plugin = known(_slot(NAME)).contents
+    plugin = _plugin(NAME)
     plugin.reset, plugin.compute = native.reset_at.address, native.compute_at.address
     plugin.copy, plugin.destroy = native.copy_at.address, native.destroy_at.address
-    plugin.visualize = draw_at.address
-    known(_slot(GAUGE)).contents.compute = gauge_at.address
+    plugin.visualize = _address_of(_draw)
 
 
 @atexit.register

@@ -5,14 +5,16 @@ exp(- k depth). Label and depth are those of the surface right above the point, 
 the surface and off by a relative k a at depth, where little is left of the motion.
 """
 
+import numpy as np
+
 from sim.kernels import kernel, record
 from sim.water.gerstner import ROW, decay, growth, level_and_rise, sine_cosine
 
 MOTION = record(x=ROW, y=ROW, z=ROW)
 """Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points."""
 
-VELOCITY, ACCELERATION = 0, 1
-"""Orders of a motion."""
+VELOCITY, ACCELERATION = np.int64(0), np.int64(1)
+"""Orders of a motion. (For Python's numbers `water_motion` would be compiled twice.)"""
 
 
 @kernel
