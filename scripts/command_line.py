@@ -102,25 +102,25 @@ def named_number(text: str) -> tuple[str, float]:
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """What says how a scene differs from its file."""
-    from sim.water.head import PRESSURES
+    """Options that change a scene."""
+    from sim.mjcf.fields import described
 
-    parser.add_argument("--pressure", choices=PRESSURES, help="overrules the scene's pressure")
-    parser.add_argument(
-        "--timestep", type=positive, metavar="S", help="overrules the scene's timestep"
-    )
+    fields = [f"  {name}: {meaning}\n      {value}\n" for name, value, meaning in described()]
+    parser.epilog = f"custom fields of a scene:\n{''.join(fields)}"
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument(
         "--set", action="append", default=[], dest="settings", metavar="NAME=VALUE",
-        help='overrules a custom field ("wave_swell=0.2 4 0 0", wave_swell.amplitude=0.2)',
+        help='overrides a custom field: "wave_swell=0.2 4 0 0", wave_swell.amplitude=0.2, '
+        "buoyancy_method=linear, seed=3",
     )  # fmt: skip
+    parser.add_argument(
+        "--timestep", type=positive, metavar="S", help="overrides the scene's timestep"
+    )
     parser.add_argument(
         "--density", action="append", default=[], type=named_number, dest="densities",
-        metavar="GEOM=KG/M3", help="of a geom, instead of the file's",
+        metavar="GEOM=KG/M3", help="overrides the density of a geom",
     )  # fmt: skip
-    parser.add_argument("--keyframe", metavar="NAME", help="to start from (the first)")
-    parser.add_argument(
-        "--seed", type=at_least(0, 2**53), metavar="N", help="of the irregular seas"
-    )
+    parser.add_argument("--keyframe", metavar="NAME", help="where to start (the first keyframe)")
 
 
 def add_averaging_options(parser: argparse.ArgumentParser, rate: float) -> None:
@@ -138,13 +138,10 @@ def add_averaging_options(parser: argparse.ArgumentParser, rate: float) -> None:
     )  # fmt: skip
 
 
-def overrulings_of(options: argparse.Namespace) -> dict[str, Any]:
-    """What `Scene.load` is to be given for them."""
-    seeds = [] if options.seed is None else [f"seed={options.seed}"]
+def scene_options(options: argparse.Namespace) -> dict[str, Any]:
+    """The arguments of `Scene.load` for these options, besides the settings."""
     return {
         "timestep": options.timestep,
-        "pressure": options.pressure,
-        "settings": [*options.settings, *seeds],
         "keyframe": options.keyframe,
         "densities": dict(options.densities),
     }

@@ -20,12 +20,12 @@ from command_line import (
     check_writable,
     loading_notice,
     notes_said,
-    overrulings_of,
     print_table,
     progress,
     refusal,
     run_script,
     run_to_the_end,
+    scene_options,
     stop_signals,
     write_json,
 )
@@ -40,7 +40,10 @@ from typing import Any
 
 import numpy as np
 
+from labels import fields_of
 from sim import Sample, Scene, SideBySideRecorder, simulate
+from sim.mjcf.elements import prefixes_of
+from sim.mjcf.fields import METHOD
 from sim.mjcf.files import model_files
 from sim.runs.simulation import check_run
 from sim.runs.statistics import (
@@ -49,6 +52,7 @@ from sim.runs.statistics import (
     mean_of_runs,
     start_times,
 )
+from sim.scenes.spec import read_spec
 
 QUANTITIES = {"height_m": 1e3, "tilt_deg": 1.0}
 """What is averaged, and what turns its differences into the mm and degrees that are printed."""
@@ -62,8 +66,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser("compare.py", __doc__)
     parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
     parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD",
-                        help="method texts; the others are held against the first; a pressure may "
-                        "stand behind a slash: patches/hydrostatic")  # fmt: skip
+                        help="METHOD[:NUMBER][/PRESSURE], as chord:4 or patches:1e-3/hydrostatic; "
+                        "the others are compared with the first")  # fmt: skip
     add_averaging_options(parser, rate=30.0)
     parser.add_argument("--starts", type=at_least(1), default=1, metavar="N",
                         help="runs; later ones begin at random times of the sea (1)")  # fmt: skip
@@ -89,10 +93,23 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
     said = notes_said("compare.py", quiet=True) if again else nullcontext()
     with loading_notice(quiet=again), said:
         for text in options.methods:
-            scene = Scene.load(options.scene, text, **overrulings_of(options))
+            scene = load_twin(options, text)
             same = sum(label.split(" ")[0] == text for label in twins)
             twins[f"{text} ({same + 1})" if same else text] = scene
     return twins
+
+
+def load_twin(options: argparse.Namespace, label: str) -> Scene:
+    """The scene with the method of a label for all of its hulls."""
+    fields = fields_of(label)
+    spec = read_spec(options.scene)
+    names = [text.name for text in spec.texts if METHOD in text.name]
+    attached = prefixes_of(each.name for each in spec.tuples)
+    methods = dict.fromkeys([*names, *(prefix + METHOD for prefix in attached)], fields[METHOD])
+    settings = [f"{name}={value}" for name, value in (fields | methods).items()]
+    return Scene.load(
+        options.scene, settings=[*options.settings, *settings], **scene_options(options)
+    )
 
 
 class History:

@@ -24,7 +24,6 @@ from command_line import (
 )
 
 import argparse
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,8 @@ from numpy.typing import NDArray
 
 from sim import Hydrostatics, Scene, hydrostatics
 from sim.mjcf.files import model_files
-from sim.scenes.hydrostatics import resting_corners
+from sim.scenes.hydrostatics import trees
+from sim.statics.report import Rest
 
 ROWS = (
     ("mass", "kg", "mass_kg"),
@@ -68,10 +68,10 @@ ROWS = (
     ("largest stable timestep", "s", "largest_timestep_s"),
     ("righting arm vanishes at", "deg", "vanishing_deg"),
 )
-"""What is printed, its unit, and its name in a Hydrostatics."""
+"""What is printed, its unit, and its name in `Hydrostatics.flat`."""
 
 ARMS_EVERY = 15.0
-"""Degrees between the righting arms that are printed; the others are in the JSON."""
+"""Degrees from one righting arm that is printed to the next; the JSON has those between too."""
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
@@ -86,23 +86,24 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 def print_report(found: dict[str, Hydrostatics]) -> None:
     """One column a body."""
+    columns = [h.flat() for h in found.values()]
     rows = [
-        (f"{title} [{unit}]" if unit else title, *(text(getattr(h, key)) for h in found.values()))
+        (f"{title} [{unit}]" if unit else title, *(text(column.get(key)) for column in columns))
         for title, unit, key in ROWS
     ]
-    for i in range(max(len(h.gz or ()) for h in found.values())):
-        (heel,) = {h.gz[i][0] for h in found.values() if h.gz}
+    arms = [dict(column.get("gz", ())) for column in columns]
+    for heel in sorted(set().union(*arms)):
         if heel % ARMS_EVERY == 0.0 and heel > 0.0:
-            arms = [text(h.gz[i][1]) if h.gz else text(None) for h in found.values()]
-            rows.append((f"righting arm GZ at {heel:.0f} deg [m]", *arms))
+            title = f"righting arm GZ at {heel:.0f} deg [m]"
+            rows.append((title, *(text(arm.get(heel)) for arm in arms)))
     print_table(("at rest", *found), rows)
     for h in found.values():
-        if h.sinks:
-            print(f"{h.name} sinks: its relative density is {h.relative_density:.4g}")
+        if h.reason:
+            print(f"{h.name} {h.reason}")
 
 
 def text(value: float | None) -> str:
-    """Five digits; round-off is 0."""
+    """A number in five digits, with round-off as 0."""
     if value is None:
         return "-"
     return "0" if abs(value) < 1e-7 else f"{value:.5g}"
@@ -115,30 +116,31 @@ def draw(scene: Scene, found: dict[str, Hydrostatics], path: Path) -> None:
     matplotlib.use("Agg")  # needs no screen
     from matplotlib import pyplot
 
-    hulls = resting_corners(scene)
-    size = (12, 3.6 * max(len(hulls), 1))
-    figure, axes = pyplot.subplots(max(len(hulls), 1), 3, figsize=size, squeeze=False)
-    for (curve, behind, side), (name, corners) in zip(axes, hulls.items(), strict=False):
-        draw_arms(curve, found[name])
+    bodies = [body for body in trees(scene).values() if body.at_rest is not None]
+    rows = max(len(bodies), 1)
+    figure, axes = pyplot.subplots(rows, 3, figsize=(12, 3.6 * rows), squeeze=False)
+    for (curve, behind, side), body in zip(axes, bodies, strict=False):
+        corners = body.placed(body.at_rest)
+        draw_arms(curve, body.name, found[body.name].rest)
         draw_hull(behind, -corners[:, :, 1], corners[:, :, 2], "from behind: to starboard [m]")
         draw_hull(side, corners[:, :, 0], corners[:, :, 2], "from starboard: ahead [m]")
     figure.tight_layout()
     write_whole(path, lambda beside: figure.savefig(beside, dpi=110, format="png"))
 
 
-def draw_arms(axes: Any, found: Hydrostatics) -> None:
-    heels, arms = np.transpose(found.gz)
+def draw_arms(axes: Any, name: str, rest: Rest) -> None:
+    heels, arms = np.transpose(rest.gz)
     axes.plot(heels, arms, color="#1f5a8a", label="GZ")
-    axes.plot(heels, found.gmt_m * np.radians(heels), ":", color="#888888", label="GMt x heel")
+    axes.plot(heels, rest.gmt_m * np.radians(heels), ":", color="#888888", label="GMt x heel")
     axes.axhline(0.0, color="black", linewidth=0.6)
     margin = 0.15 * np.ptp([*arms, 0.0])
     axes.set_ylim(min(arms.min(), 0.0) - margin, max(arms.max(), 0.0) + margin)
-    axes.set(xlabel="heel [deg]", ylabel="righting arm [m]", title=found.name)
+    axes.set(xlabel="heel [deg]", ylabel="righting arm [m]", title=name)
     axes.legend()
 
 
 def draw_hull(axes: Any, across: NDArray, up: NDArray, label: str) -> None:
-    """A hull's triangles, seen along an axis: (F, 3) [m] to the right and up."""
+    """A hull's triangles seen along an axis; to the right and up: (F, 3) [m] each."""
     from matplotlib.collections import PolyCollection
 
     triangles, colour = np.stack([across, up], axis=2), "#c8a868"
@@ -165,7 +167,7 @@ def main(arguments: list[str] | None = None) -> int:
         return refusal("hydrostatics.py", error)
     print_report(found)
     try:
-        bodies = {name: asdict(h) for name, h in found.items()}
+        bodies = {name: h.flat() for name, h in found.items()}
         write_json(options.json, {"scene": scene.name, "bodies": bodies})
         if options.figure is not None:
             draw(scene, found, options.figure)

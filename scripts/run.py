@@ -17,7 +17,6 @@ from command_line import (
     check_writable,
     loading_notice,
     notes_said,
-    overrulings_of,
     positive,
     print_table,
     progress,
@@ -25,6 +24,7 @@ from command_line import (
     run_script,
     run_to_the_end,
     say_errors,
+    scene_options,
     stop_signals,
     write_json,
     write_whole,
@@ -41,7 +41,6 @@ from typing import Any
 
 from sim import Recorder, Sample, Scene, Tally, observe, simulate
 from sim.mjcf.files import model_files
-from sim.mjcf.numbers import MOST_THREADS
 from sim.recording.frame import MOST_RESOLUTION
 from sim.recording.look import COLOURS
 from sim.runs.series import Series
@@ -59,13 +58,6 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         "--rate", type=positive, default=30.0, metavar="HZ", help="samples a simulated second (30)"
-    )
-    parser.add_argument("--method", help="overrules the scene's method, for all geoms")
-    parser.add_argument(
-        "--tolerance", type=positive, metavar="M", help="overrules the scene's, m of water height"
-    )
-    parser.add_argument(
-        "--threads", type=at_least(1, MOST_THREADS), metavar="N", help="share the hulls (1)"
     )
     add_scene_options(parser)
     add_recording_options(parser)
@@ -115,13 +107,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
 def load(path: Path, options: argparse.Namespace) -> Scene:
     """Load the scene and compute everything once, which compiles the kernels."""
     with loading_notice(options.quiet):
-        scene = Scene.load(
-            path,
-            options.method,
-            tolerance=options.tolerance,
-            threads=options.threads,
-            **overrulings_of(options),
-        )
+        scene = Scene.load(path, settings=options.settings, **scene_options(options))
         observe(scene)
     return scene
 
@@ -244,8 +230,6 @@ def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, A
                 recorder = open_recorder(recording, scene, options)
         except (ValueError, OSError) as error:
             return refusal("run.py", error), None
-        if options.tolerance is not None and not scene.buoyancy.takes_tolerance:
-            print("run.py: note: none of the scene's methods takes a tolerance", file=sys.stderr)
         tally = Tally(scene)
         takers = [tally.add] if series is None else [tally.add, series.add]
         started = perf_counter()

@@ -60,7 +60,6 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
                         help="seeds of an irregular sea, from 0 on")  # fmt: skip
     parser.add_argument("--starts", type=at_least(1), default=1, metavar="N",
                         help="random times of the sea to begin at (1)")  # fmt: skip
-    parser.add_argument("--method", help="overrules the scene's method, for all geoms")
     add_averaging_options(parser, rate=10.0)
     parser.add_argument("--jobs", type=at_least(-1), default=1, metavar="J",
                         help="processes, -1 for all cores (1)")  # fmt: skip
@@ -180,9 +179,7 @@ def main(arguments: list[str] | None = None) -> int:
         check_ending(options.output)
         check_writable(options.output)
         runs = runs_of(options.settings, options.seeds, options.starts)
-        plan = Plan(
-            options.scene.resolve(), options.duration, options.warm_up, options.rate, options.method
-        )
+        plan = Plan(options.scene.resolve(), options.duration, options.warm_up, options.rate)
         rows = kept_rows(kept, plan, runs) if options.resume else []
         if not options.resume and kept.exists():
             raise ValueError(f"{kept} has rows of an interrupted sweep; --resume, or remove it")

@@ -30,9 +30,10 @@ from sim.resistance.drag import Drag, DragCoefficients
 from sim.runs.divergence import DivergenceError
 from sim.runs.simulation import Sample, Tally, observe, simulate
 from sim.scenes.buoyancy import Buoyancy
-from sim.scenes.hydrostatics import Hydrostatics, hydrostatics
+from sim.scenes.hydrostatics import hydrostatics
 from sim.scenes.scene import Scene
 from sim.scenes.spec import add_water
+from sim.statics.report import Hydrostatics
 from sim.water.sea import Sea
 from sim.water.wave import Wave
 

@@ -16,7 +16,7 @@ Flags = NDArray[np.bool_]
 
 
 FEWEST_STRIPS = 4
-"""Strips below which halving triangles makes as few pieces as cutting them into strips."""
+"""With fewer strips than this, halving triangles makes no more pieces than strips would."""
 
 
 def area_vectors(corners: Array) -> Array:
@@ -55,22 +55,34 @@ def inertia_of(moments: Array) -> Array:
     return np.trace(moments) * np.eye(3) - moments
 
 
+def middle(points: Array) -> Array:
+    """Middle (3,) of the box around points (N, 3). Volumes of cones from there lose little to
+    round-off."""
+    return 0.5 * (points.min(axis=0) + points.max(axis=0))
+
+
 def sides(corners: Array) -> Array:
-    """Lengths (F, 3) [m] of the sides ab, bc, ca."""
+    """Lengths (F, 3) [m] of the sides ab, bc, ca; corners (F, 3, D) in any number of dimensions."""
     return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
 
 
+def turned(triangles: NDArray, first: Indices) -> NDArray:
+    """Triangles (F, 3, ...), of corners or indices, each turned so that corner `first` (F,), modulo
+    3, comes first."""
+    return triangles[np.arange(len(triangles))[:, None], (first[:, None] + np.arange(3)) % 3]
+
+
 def across(corners: Array, edge: float) -> Array:
-    """Slivers cut across into strips that are as long as wide or have sides of an edge [m], what
-    is longer; other triangles as they are: (F, 3, 3) again. Halving alone would make a length of n
-    edges into n^1.6 pieces."""
+    """Triangles (F, 3, 3) with slivers cut across into strips. A strip is as long as it is wide, or
+    has sides of an edge [m] where that is longer. Halving alone would turn a length of n edges into
+    n^1.6 pieces."""
     lengths = sides(corners)
     wide = lengths.min(axis=1)
     long = np.sqrt(np.maximum(edge**2 - wide**2, wide**2))
     count = np.ceil(lengths.max(axis=1) / long).astype(np.int64)
     is_sliver = count >= FEWEST_STRIPS
-    turn = (lengths[is_sliver].argmin(axis=1)[:, None] + 2 + np.arange(3)) % 3  # the tip first
-    tip, b, c = np.moveaxis(np.take_along_axis(corners[is_sliver], turn[:, :, None], axis=1), 1, 0)
+    tip_at = lengths[is_sliver].argmin(axis=1) + 2  # across from the shortest side
+    tip, b, c = np.moveaxis(turned(corners[is_sliver], tip_at), 1, 0)
     count = count[is_sliver]
     which = np.repeat(np.arange(len(count)), count)
     strip = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
@@ -83,11 +95,11 @@ def across(corners: Array, edge: float) -> Array:
 
 
 def split_triangles(corners: Array, is_large: Callable[[Array], Flags], most: int) -> Array:
-    """Halve triangles across their longest side until none is large, (F, 3, 3) again.
+    """Triangles (F, 3, 3) halved across their longest side until none is large.
 
-    Neighbours are not halved with them, so the surface stays the same but its corners do not match
-    any more (where they must, see `drawing.display_mesh.refined`). Raises ValueError when that
-    would make more than `most`.
+    The surface stays the same, but its corners no longer match, because neighbours are not halved
+    with a triangle (`recording.display_mesh.refined` does that). Raises ValueError where this would
+    make more than `most`.
     """
     done: list[Array] = []
     while len(corners):
@@ -100,18 +112,16 @@ def split_triangles(corners: Array, is_large: Callable[[Array], Flags], most: in
 
 
 def halved(corners: Array) -> Array:
-    """Both halves (2 F, 3, 3) of triangles cut across their longest side: first all that keep the
-    corner where it begins, then the others."""
-    longest = sides(corners).argmax(axis=1)
-    turn = (longest[:, None] + np.arange(3)) % 3
-    a, b, c = np.moveaxis(np.take_along_axis(corners, turn[:, :, None], axis=1), 1, 0)
+    """Both halves (2 F, 3, 3) of triangles cut across their longest side: first all the halves with
+    the corner where that side begins, then the others."""
+    a, b, c = np.moveaxis(turned(corners, sides(corners).argmax(axis=1)), 1, 0)
     m = 0.5 * (a + b)
     return np.concatenate([np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)])
 
 
 def distinct_points(points: Array) -> tuple[Indices, Indices]:
-    """Of points (N, 3) those that are at places of their own: the first index (K,) at each, in the
-    places' order, and which of them (N,) each point is."""
+    """The distinct places of points (N, 3), sorted: the index (K,) of the first point at each, and
+    for each point (N,) the number of its place."""
     order = np.lexsort(points.T)
     placed = points[order]
     is_new = np.ones(len(points), dtype=bool)
@@ -123,7 +133,7 @@ def distinct_points(points: Array) -> tuple[Indices, Indices]:
 
 @kernel
 def spread_lowest(pairs, label_out):
-    """Give all that pairs (P, 2) hang together the lowest label (N,): union-find."""
+    """Give everything that pairs (P, 2) connect the lowest of its labels (N,): union-find."""
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
         while label_out[a] != a:
@@ -141,22 +151,21 @@ def spread_lowest(pairs, label_out):
 
 
 def rotation_matrix(quaternion: Array) -> Array:
-    """Rotation (3, 3), body -> world, of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
+    """Rotations (..., 3, 3), body -> world, of unit quaternions (..., 4) as w, x, y, z."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternion), -1, 0)
+    rows = (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
     )
+    return np.stack([number for row in rows for number in row], axis=-1).reshape(*w.shape, 3, 3)
 
 
 def moved_matrix(matrix: Array, place: Array, rotation: Array) -> Array:
-    """A matrix (6, 6) over motions (linear, angular) of a frame as one over those of another, which
-    lies in it at a place (3,) with a rotation (3, 3)."""
+    """A matrix (6, 6) over the motions (linear, angular) of one frame as a matrix over the motions
+    of another frame, which lies in the first at a place (3,) with a rotation (3, 3)."""
     x, y, z = place
-    move = np.zeros((6, 6))  # motion of the one from that of the other: v - omega x place
+    move = np.zeros((6, 6))  # motion of the first frame from that of the other: v - omega x place
     move[:3, :3] = move[3:, 3:] = rotation
     move[:3, 3:] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rotation
     return move.T @ matrix @ move
@@ -169,7 +178,7 @@ def rotation_about(vector: Array) -> Array:
 
 
 def random_rotation(rng: np.random.Generator) -> Array:
-    """Rotation (3, 3), uniform over all rotations: that of a random unit quaternion."""
+    """Rotation (3, 3) of a random unit quaternion: uniform over all rotations."""
     q = rng.normal(size=4)
     return rotation_matrix(q / np.linalg.norm(q))
 

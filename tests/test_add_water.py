@@ -1,4 +1,4 @@
-"""Models that somebody else wrote, put into the water: add_water and what Scene.load overrules."""
+"""Models that somebody else wrote, put into the water by add_water or Scene.load."""
 
 import mujoco
 import numpy as np
@@ -73,8 +73,8 @@ def test_all_that_cannot_be_is_told_at_once():
         )  # fmt: skip
     faults = caught.value.faults
     for word in ("no body 'torso'; the model has cube, arm, hand", "'wave_swell' has 2 numbers",
-                 "'drag' takes numbers, not the text 'strong'", "'water_depth' is unknown",
-                 "buoyancy_metod"):  # fmt: skip
+                 "field 'drag': 'strong' is not a row of numbers", "'water_depth' is unknown",
+                 "field 'buoyancy_metod'"):  # fmt: skip
         assert sum(word in fault for fault in faults) == 1, word
     assert len(faults) == 5
 

@@ -2,19 +2,16 @@
 
 import gc
 import sys
-import threading
 import weakref
-from time import monotonic, sleep
 
 import mujoco
 import numpy as np
 import pytest
 import trimesh
-from scenes import CUBE, WATER, WAVES, afloat, model, xml
+from scenes import CUBE, WATER, WAVES, model, xml
 
 from independent import MODELS, ROUND_OFF
 from sim import Buoyancy, Hull, Linear
-from sim.plugin.context import UNUSED
 from sim.plugin.seam import context_of
 
 WEIGHT = 512.5 * 9.81  # N, of the cube
@@ -234,63 +231,3 @@ def test_hulls_computed_together_get_what_each_gets_alone():
         alone = f.method.wrench(data.xipos[f.body], data.ximat[f.body], 0.0)
         assert np.abs(alone).max() > 0.0
         np.testing.assert_array_equal(data.xfrc_applied[f.body], alone)
-
-
-def raft(custom: str = "") -> mujoco.MjModel:
-    """Seven hulls of three shapes, one of them with a method of its own, in waves."""
-    ball = (
-        '<body pos="{0} 2 0.1"><freejoint/><geom name="ball{0}" size="0.4" density="400"/></body>'
-    )
-    boat = '<body pos="1 1 0"><freejoint/><geom name="boat" type="capsule" size="0.2 0.5"/></body>'
-    custom += WAVES + '<text name="buoyancy_method_cube" data="chord"/>'
-    bodies = CUBE + boat + "".join(ball.format(x) for x in range(2, 7))
-    return model(bodies, ("boat", "ball2", "cube", *(f"ball{x}" for x in range(3, 7))), custom)
-
-
-def helpers() -> int:
-    return sum(thread.name.startswith("waterline") for thread in threading.enumerate())
-
-
-def threaded(threads: int) -> mujoco.MjModel:
-    return raft(f'<numeric name="buoyancy_threads" data="{threads}"/>')
-
-
-def test_threads_change_no_bit():
-    runs = {}
-    for threads in (1, 2, 5):
-        compiled = threaded(threads)
-        data = started(compiled)
-        mujoco.mj_step(compiled, data, nstep=200)
-        assert min(threads - 1, 1) <= helpers() <= threads - 1
-        runs[threads] = np.concatenate([data.qpos, data.qvel])
-        del data
-        no_helpers_are_left()
-    np.testing.assert_array_equal(runs[2], runs[1])
-    np.testing.assert_array_equal(runs[5], runs[1])
-
-
-def no_helpers_are_left() -> None:
-    """Once other models have come after the one that no state is left of."""
-    for i in range(UNUSED + 1):
-        model(extra=f'<custom><numeric name="water_level" data="{-100 - i}"/></custom>')
-    gc.collect()
-    deadline = monotonic() + 30.0
-    while helpers():
-        assert monotonic() < deadline
-        sleep(0.01)
-
-
-def test_threads_are_no_more_than_parts_and_end_with_the_states():
-    compiled = threaded(100)
-    data, buoyancy = started(compiled), Buoyancy.of(compiled)
-    for _ in range(50):
-        buoyancy.wrenches(data)
-    assert 1 <= helpers() <= 5  # six hulls are computed together
-    del buoyancy, data
-    no_helpers_are_left()
-
-
-@pytest.mark.parametrize("threads", [0, -1, 1.5, np.nan, np.inf])
-def test_refuses_threads_that_cannot_be(threads):
-    with pytest.raises(ValueError, match=f"threads is {threads:g}; it must be a whole"):
-        afloat(load=dict(threads=threads))

@@ -8,12 +8,15 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
-from scenes import afloat, model
+from scenes import CUBE, afloat, model, xml
 
 from independent import DENSITY, GRAVITY, MODELS, load_mesh, random_rotation
-from sim import Hull, Hydrostatics, Linear, Scene, Sea, hydrostatics, simulate
+from sim import Hull, Hydrostatics, Linear, Note, Scene, Sea, hydrostatics, simulate
 from sim.geometry import rotation_about
+from sim.runs.motions import Motions
+from sim.statics import report
 from sim.statics.equilibrium import Attitude, RigidFloat, _moved, rest
+from sim.statics.report import Rest
 from sim.statics.stability import righting_arms, vanishing_angle
 
 ROUND_OFF = 1e-9
@@ -30,12 +33,20 @@ def box_body(length: float, breadth: float, height: float, density: float) -> Ri
     return RigidFloat(mesh.vertices[mesh.faces], mass, DENSITY, GRAVITY)
 
 
-def of_box(size: str, density: float, more: str = "", option: str = "") -> Hydrostatics:
+def box_scene(size: str, density: float, option: str = "") -> Scene:
     body = (
         f'<body name="box"><freejoint/><geom name="box" type="box" size="{size}" '
         f'density="{density * DENSITY}"/></body>'
     )
-    return hydrostatics(Scene.from_model(model(body, ("box",), more, option)))["box"]
+    return Scene.from_model(model(body, ("box",), option=option))
+
+
+def of_box(size: str, density: float, option: str = "") -> Hydrostatics:
+    return hydrostatics(box_scene(size, density, option))["box"]
+
+
+def box_at_rest(size: str, density: float, option: str = "") -> Rest:
+    return of_box(size, density, option).rest
 
 
 def bunny_body(relative_density: float = 0.5) -> RigidFloat:
@@ -45,10 +56,15 @@ def bunny_body(relative_density: float = 0.5) -> RigidFloat:
 
 
 def test_a_box_barge_is_the_textbooks():
-    found = of_box("1 0.5 0.2", 0.6)
+    whole = of_box("1 0.5 0.2", 0.6)
+    found = whole.rest
+    assert whole.mass_kg == pytest.approx(0.48 * DENSITY)
+    assert whole.volume_m3 == pytest.approx(0.8)
+    assert whole.relative_density == pytest.approx(0.6)
+    assert whole.reason == ""
     expected = {
-        "mass_kg": 0.48 * DENSITY, "volume_m3": 0.8, "relative_density": 0.6, "draught_m": 0.24,
-        "displacement_m3": 0.48, "kb_m": 0.12, "kg_m": 0.2, "bmt_m": 1.0 / 12.0 / 0.24,
+        "draught_m": 0.24, "displacement_m3": 0.48, "kb_m": 0.12, "kg_m": 0.2,
+        "bmt_m": 1.0 / 12.0 / 0.24,
         "bml_m": 4.0 / 12.0 / 0.24, "gmt_m": 0.2672222222222, "waterplane_m2": 2.0,
         "wetted_m2": 2.0 + 0.24 * 6.0, "lwl_m": 2.0, "bwl_m": 1.0, "cb": 1.0, "cwp": 1.0,
         "heave_period_s": 0.98276795, "roll_period_s": 1.207, "height_m": -0.04,
@@ -59,7 +75,7 @@ def test_a_box_barge_is_the_textbooks():
     for key in ("heel_deg", "trim_deg", "lcb_m", "tcb_m", "lcf_m", "tcf_m"):
         assert getattr(found, key) == pytest.approx(0.0, abs=ROUND_OFF), key
     stiffness = np.array(found.stiffness)
-    weight = found.mass_kg * GRAVITY
+    weight = whole.mass_kg * GRAVITY
     expected = np.diag(
         [0, 0, 2.0 * DENSITY * GRAVITY, weight * found.gmt_m, weight * found.gml_m, 0]
     )
@@ -72,7 +88,7 @@ def test_a_box_barge_is_the_textbooks():
 )
 def test_square_bars_rest_at_their_known_heel(density, heel):
     """From upright, which is an equilibrium that does not stay."""
-    found = of_box("5 0.5 0.5", density)
+    found = box_at_rest("5 0.5 0.5", density)
     assert abs(found.heel_deg) == pytest.approx(heel, abs=0.005)  # digits given
     assert found.trim_deg == pytest.approx(0.0, abs=1e-6)
     assert found.gmt_m > 0.0
@@ -81,7 +97,7 @@ def test_square_bars_rest_at_their_known_heel(density, heel):
 def test_righting_arms_of_a_box_are_the_wall_sided_formulas():
     """GZ = sin(heel) (GM + BM tan^2(heel) / 2) until the deck's edge or the bilge gets to the
     surface."""
-    found = of_box("1 0.5 0.2", 0.6)
+    found = box_at_rest("1 0.5 0.2", 0.6)
     for heel, arm in found.gz:
         t = np.tan(np.radians(heel)) if heel < 17.0 else None
         if t is not None:
@@ -98,7 +114,7 @@ def test_righting_arms_of_a_box_are_the_wall_sided_formulas():
 
 def test_a_box_comes_back_up_to_its_vanishing_angle():
     """A light, flat box on its edge, at 90 degrees, is as far from one rest as from the other."""
-    found = of_box("1 0.5 0.2", 0.5)
+    found = box_at_rest("1 0.5 0.2", 0.5)
     assert found.vanishing_deg == pytest.approx(90.0, abs=1e-6)
     low = box_body(4.0, 1.0, 0.5, 0.5)
     keel = RigidFloat(low.corners + [0.0, 0.0, 0.3], low.mass, low.density, low.gravity)
@@ -156,7 +172,7 @@ def test_a_body_that_is_let_go_comes_to_rest_where_hydrostatics_says():
     asset = f"""<asset><mesh name="bunny" inertia="exact"
       file="{MODELS / "meshes" / "bunny.obj"}"/></asset>"""
     scene = Scene.from_model(model(body, ("bunny",), custom, asset))
-    found = hydrostatics(scene, with_gz=False)["bunny"]
+    found = hydrostatics(scene, with_gz=False)["bunny"].rest
     for _ in simulate(scene, 60.0, 1.0):
         pass
     up = scene.data.xmat[1].reshape(3, 3)[2]
@@ -169,7 +185,7 @@ def test_a_body_that_is_let_go_comes_to_rest_where_hydrostatics_says():
 def test_the_wigley_hull_converges_to_its_closed_form():
     vertices, faces = make_scenes.wigley(96)
     scene = Scene.load(MODELS / "wigley.xml")
-    coarse = hydrostatics(scene, with_gz=False)["wigley"]
+    coarse = hydrostatics(scene, with_gz=False)["wigley"].rest
     draught, mass = 0.625, DENSITY * 10.0 * 0.625 * 4.0 / 9.0
     body = RigidFloat(np.asarray(vertices)[faces] + [0.0, 0.0, 0.2], mass, DENSITY, GRAVITY)
     attitude = rest(body, np.eye(3))
@@ -192,7 +208,7 @@ def test_periods_are_those_of_the_motion_with_added_mass():
     """A box released a little off its draught, and its added mass doubled."""
     custom = '<numeric name="added_mass" data="0 0 0.8 0 0 0"/>'
     scene = Scene.from_model(model(BOX, ("box",), custom, '<option timestep="0.002"/>'))
-    found = hydrostatics(scene, with_gz=False)["box"]
+    found = hydrostatics(scene, with_gz=False)["box"].rest
     share = found.submerged_fraction
     expected = 2.0 * np.pi * np.sqrt((1.0 + 0.8) * found.draught_m / GRAVITY)
     assert share == pytest.approx(0.5)
@@ -208,7 +224,7 @@ def test_periods_are_those_of_the_motion_with_added_mass():
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
 def test_at_the_largest_timestep_an_oscillation_begins_to_grow(integrator):
     option = f'<option integrator="{integrator}"/>'
-    found = of_box("1 0.5 0.2", 0.5, option=option)
+    found = box_at_rest("1 0.5 0.2", 0.5, option)
     for factor, grows in ((0.97, False), (1.03, True)):
         load = dict(timestep=factor * found.largest_timestep_s)
         scene = afloat(BOX, ("box",), "", option, load=load)
@@ -221,21 +237,47 @@ def test_at_the_largest_timestep_an_oscillation_begins_to_grow(integrator):
         assert (largest >= 1e-4) == grows, factor
 
 
-def test_a_tree_is_one_body_and_what_sinks_has_no_rest():
-    found = hydrostatics(Scene.load(MODELS / "articulated.xml"))
+def test_a_tree_is_one_body():
+    found = hydrostatics(Scene.load(MODELS / "articulated.xml"), with_gz=False)
     assert set(found) == {"fore"}
     assert found["fore"].mass_kg == pytest.approx(864.0)
-    stone = of_box("1 1 1", 2.5)
-    assert stone.sinks
-    assert stone.draught_m is None
-    assert stone.gz is None
+
+
+def test_what_sinks_has_a_reason_instead_of_a_rest():
+    with pytest.warns(Note, match="'box' sinks"):
+        stone = of_box("1 1 1", 2.5)
+    assert stone.rest is None
+    assert stone.reason == "sinks: it weighs 2.05e+04 kg and displaces at most 8200 kg"
+    known = {"name", "sinks", "mass_kg", "volume_m3", "relative_density", "reason"}
+    assert set(stone.flat()) == known
+    assert stone.flat()["sinks"] is True
+
+
+def test_a_rest_is_searched_for_once_and_anew_where_something_has_changed(monkeypatch):
+    searched = []
+    monkeypatch.setattr(report, "_RESTS", {})
+    monkeypatch.setattr(
+        report, "rest", lambda body, turned: searched.append(body) or rest(body, turned)
+    )
+    scene = box_scene("1 0.5 0.2", 0.6)  # which notes about the start look at
+    draught = hydrostatics(scene, with_gz=False)["box"].rest.draught_m
+    Motions(scene)
+    assert len(searched) == 1
+    scene.data.qpos[3:7] = 0.0, 1.0, 0.0, 0.0  # upside down, where it rests too
+    turned = hydrostatics(scene, with_gz=False)["box"].rest
+    assert len(searched) == 2
+    assert turned.tilt_from_start_deg == pytest.approx(0.0, abs=ROUND_OFF)
+    scene.model.body_mass[1] *= 1.1
+    scene.model.body_subtreemass[1] *= 1.1
+    assert hydrostatics(scene)["box"].rest.draught_m == pytest.approx(1.1 * draught)
+    assert len(searched) == 3
 
 
 def test_heel_is_to_starboard_and_trim_bow_down():
     """A weight to port and ahead of the middle of a box."""
     body = """<body name="box"><freejoint/><geom name="box" type="box" size="1 0.5 0.2"
       density="500"/><geom type="sphere" size="0.05" pos="0.3 0.05 0.2" mass="20"/></body>"""
-    found = hydrostatics(Scene.from_model(model(body, ("box",))), with_gz=False)["box"]
+    found = hydrostatics(Scene.from_model(model(body, ("box",))), with_gz=False)["box"].rest
     assert found.trim_deg > 0.1
     assert found.heel_deg < -0.1
     assert found.lcb_m > 0.0
@@ -259,10 +301,20 @@ def test_the_script_prints_and_writes(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "metacentric height GMt [m]" in printed
     bodies = json.loads(file.read_text())["bodies"]
-    asked = (
-        "mass_kg volume_m3 relative_density draught_m heel_deg trim_deg displacement_m3 kb_m bmt_m "
-        "bml_m kg_m gmt_m gml_m waterplane_m2 wetted_m2 heave_period_s roll_period_s "
-        "pitch_period_s largest_timestep_s vanishing_deg gz"
+    keys = (
+        "name sinks mass_kg volume_m3 relative_density draught_m heel_deg trim_deg height_m "
+        "tilt_from_start_deg displacement_m3 submerged_fraction kb_m lcb_m tcb_m lcf_m tcf_m bmt_m "
+        "bml_m kg_m gmt_m gml_m waterplane_m2 wetted_m2 lwl_m bwl_m cb cwp heave_period_s "
+        "roll_period_s pitch_period_s largest_timestep_s vanishing_deg gz stiffness added_mass"
     )
-    assert set(asked.split()) <= set(bodies["fore"])
+    assert set(bodies["fore"]) == set(keys.split())
     assert script.main([str(tmp_path / "none.xml")]) == 2
+
+
+def test_the_script_says_why_a_body_does_not_rest(tmp_path, capsys):
+    file, numbers = tmp_path / "stone.xml", tmp_path / "stone.json"
+    file.write_text(xml(CUBE.replace("512.5", "3000")))
+    assert script.main([str(file), "--json", str(numbers)]) == 0
+    reason = "sinks: it weighs 3000 kg and displaces at most 1025 kg"
+    assert f"cube {reason}" in capsys.readouterr().out
+    assert json.loads(numbers.read_text())["bodies"]["cube"]["reason"] == reason

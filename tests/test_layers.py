@@ -18,7 +18,7 @@ TIERS = [
 
 OUTSIDE = {
     "mujoco": {"mjcf", "plugin", "scenes", "runs", "recording"},
-    "trimesh": {"mjcf", "hulls"},
+    "trimesh": {"hulls"},
     "manifold3d": {"hulls"},
     "rerun": {"recording"},
     "numba": {"kernels", "addresses"},

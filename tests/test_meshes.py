@@ -83,6 +83,13 @@ def test_a_sheet_is_a_fault_with_its_place():
     assert "(5.5, 0.5, 0)" in found.faults[0]
 
 
+def test_a_surface_without_area_is_a_fault():
+    found = repair(np.eye(3), np.array([[0, 0, 1]]))
+    assert found.hull is None
+    assert found.done == ("1 faces without area dropped",)
+    assert found.faults == ("nothing encloses a volume",)
+
+
 def test_cells_that_share_a_wall_become_one():
     found = repair(*of(made_hulls.two_cells()))
     assert found.faults == ()

@@ -9,8 +9,9 @@ import trimesh
 from scenes import CUBE, model
 
 from independent import DENSITY, GRAVITY, load_mesh, meshes, random_poses, three_waves
-from sim import Chord, Hull, Linear, Patches, Reference, Scene, Sea, simulate
-from sim.methods import METHODS, Method, Place, make_method
+from labels import labelled_method
+from sim import Chord, Hull, Linear, Patches, Reference, Scene, Sea, Wave, simulate
+from sim.methods import METHODS, Method, Place
 from sim.methods.method import Part, Shared
 
 BOX = Hull.from_trimesh(trimesh.creation.box(extents=[1.0, 1.0, 1.0]))
@@ -38,25 +39,37 @@ def test_a_method_from_outside_is_one_class_and_one_entry(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("text", "kind"),
-    [("linear", Linear), ("chord:2", Chord), ("patches:0.01", Patches), ("reference", Reference)],
+    ("label", "made"),
+    [
+        ("linear", (Linear, None, "froude-krylov")),
+        ("chord:2", (Chord, ("samples", 2), "froude-krylov")),
+        ("patches:0.01", (Patches, ("tolerance", 0.01), "froude-krylov")),
+        ("reference:1e-6/hydrostatic", (Reference, ("tolerance", 1e-6), "hydrostatic")),
+        ("chord:3:crests", (Chord, ("crests_only", True), "froude-krylov")),
+    ],
 )
-def test_methods_are_named_by_texts(text, kind):
-    assert type(make_method(text, BOX, Sea())) is kind
+def test_labels_name_a_method_its_setting_and_a_pressure(label, made):
+    kind, setting, pressure = made
+    method = labelled_method(label, BOX, Sea([Wave(0.1, 4.0, 0.0, 0.0)]))
+    assert type(method) is kind
+    assert method.sea.pressure == pressure
+    if setting is not None:
+        assert getattr(method, setting[0]) == setting[1]
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("label", "message"),
     [
         ("guess", "'guess' is no method; expected one of: linear, chord, patches, reference"),
-        ("linear:4", "method 'linear:4': found 1 settings, expected at most 0"),
-        ("chord:x", "method 'chord:x'"),
-        ("patches:0", r"method 'patches:0': the tolerance is 0.0"),
+        ("linear:4", "'linear:4': linear takes no number"),
+        ("chord:x", "invalid literal"),
+        ("patches:0", r"method 'patches': the tolerance is 0.0"),
+        ("linear/static", "water pressure is 'static'"),
     ],
 )
-def test_texts_that_name_no_method_are_refused(text, message):
+def test_labels_that_name_no_method_are_refused(label, message):
     with pytest.raises(ValueError, match=message):
-        make_method(text, BOX, Sea())
+        labelled_method(label, BOX, Sea())
 
 
 @pytest.mark.parametrize("make", [Linear, Chord, Patches, Reference])

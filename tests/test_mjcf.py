@@ -73,7 +73,7 @@ def test_mesh_geom_is_the_file_in_the_geoms_frame():
     np.testing.assert_allclose(hull.centroid, 0.0, atol=1e-6)
 
 
-def test_method_of_one_geom_overrules_the_scenes_and_the_caller_overrules_both():
+def test_method_of_one_geom_overrides_the_scenes_and_a_setting_overrides_both():
     custom = """
     <text name="buoyancy_method" data="chord"/> <numeric name="chord_samples" data="7"/>
     <text name="buoyancy_method_ball" data="linear"/>"""
@@ -81,22 +81,22 @@ def test_method_of_one_geom_overrules_the_scenes_and_the_caller_overrules_both()
     what = CUBE + ball, ("cube", "ball"), custom
     cube, ball = (f.method for f in Buoyancy.of(model(*what)).floats)
     assert (type(cube), cube.samples, type(ball)) == (Chord, 7, Linear)
-    floats = afloat(*what, load=dict(method="chord:2:crests")).buoyancy.floats
-    assert all(f.method.samples == 2 and f.method.crests_only for f in floats)
+    settings = {"buoyancy_method": "linear", "buoyancy_method_ball": "chord", "chord_samples": 2}
+    cube, ball = (f.method for f in afloat(*what, load=dict(settings=settings)).buoyancy.floats)
+    assert (type(cube), type(ball), ball.samples) == (Linear, Chord, 2)
 
 
-def test_pressure_is_the_scenes_unless_the_caller_or_the_method_says_another():
+def test_pressure_is_the_scenes_unless_a_setting_says_another():
     plain, still = "", '<text name="water_pressure" data="hydrostatic"/>'
     asked = {
-        (plain, None, None): "froude-krylov",
-        (still, None, None): "hydrostatic",
-        (still, None, "froude-krylov"): "froude-krylov",
-        (plain, "linear/hydrostatic", None): "hydrostatic",
-        (plain, "/hydrostatic", None): "hydrostatic",
+        (plain, None): "froude-krylov",
+        (still, None): "hydrostatic",
+        (still, "froude-krylov"): "froude-krylov",
+        (plain, "hydrostatic"): "hydrostatic",
     }
-    for (custom, method, pressure), expected in asked.items():
-        load = dict(method=method, pressure=pressure)
-        buoyancy = afloat(custom=custom, load=load).buoyancy
+    for (custom, pressure), expected in asked.items():
+        settings = {} if pressure is None else {"water_pressure": pressure}
+        buoyancy = afloat(custom=custom, load=dict(settings=settings)).buoyancy
         assert buoyancy.sea.pressure == buoyancy.floats[0].method.sea.pressure == expected
 
 
@@ -228,17 +228,17 @@ REFUSALS = {
         dict(custom='<numeric name="chord_samples" data="1.5"/>'),
         "'chord_samples': the number of samples is 1.5",
     ),
-    "too many settings": (
-        dict(custom='<text name="buoyancy_method" data="linear:3"/>'),
-        "method 'linear:3': found 1 settings, expected at most 0",
+    "a setting behind a method": (
+        dict(custom='<text name="buoyancy_method" data="chord:3"/>'),
+        "'chord:3' is no method; expected one of",
     ),
     "negative tolerance": (
         dict(custom='<numeric name="buoyancy_tolerance" data="-1"/>'),
         "tolerance is -1 m.*above 0",
     ),
-    "half a thread": (
-        dict(custom='<numeric name="buoyancy_threads" data="1.5"/>'),
-        "'buoyancy_threads': the number of threads is 1.5; .* a whole number from 1 to 1024",
+    "a reference finer than round-off": (
+        dict(custom='<numeric name="reference_tolerance" data="0"/>'),
+        "'reference_tolerance': the reference tolerance is 0 of rho g V; it must be 1e-14 or more",
     ),
     "two drags": (
         dict(custom='<numeric name="drag" data="0.2 1"/>'),
@@ -339,13 +339,13 @@ def test_a_timestep_that_cannot_be_is_refused_after_a_model_that_differs_in_noth
         afloat(custom=custom, option='<option timestep="0"/>')
 
 
-def test_overruling_method_and_tolerance_are_checked_too():
+def test_settings_are_checked_too():
     with pytest.raises(ValueError, match="'buoyancy_method': 'magic' is no"):
-        afloat(load=dict(method="magic"))
+        afloat(load=dict(settings={"buoyancy_method": "magic"}))
     with pytest.raises(ValueError, match="tolerance is 0 m"):
-        afloat(load=dict(tolerance=0.0))
+        afloat(load=dict(settings={"buoyancy_tolerance": 0.0}))
     with pytest.raises(ValueError, match="water pressure is 'static'"):
-        afloat(load=dict(pressure="static"))
+        afloat(load=dict(settings={"water_pressure": "static"}))
 
 
 def test_an_open_mesh_is_refused_by_geom_and_mesh(tmp_path):

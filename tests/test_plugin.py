@@ -287,7 +287,7 @@ def test_a_state_that_was_pickled_is_another_one_than_what_comes_of_it():
 
 
 def test_methods_of_the_interpreter_work_in_batches():
-    scene = afloat(custom=WAVES, load=dict(method="reference"))
+    scene = afloat(custom=WAVES, load=dict(settings={"buoyancy_method": "reference"}))
     batch = batch_of(scene, STARTS[:2], nthread=2)
     batch.step(nstep=3)
     for end, start in zip(batch.bind("qpos"), STARTS, strict=False):

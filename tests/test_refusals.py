@@ -13,14 +13,13 @@ import pytest
 from scenes import CUBE, xml
 
 from independent import MODELS, REPOSITORY, status_of
-from sim.mjcf import numbers
-from sim.mjcf.custom_fields import METHOD, PRESSURE
-from sim.mjcf.numbers import NUMERICS, Number
+from sim.mjcf.fields import METHOD, NUMERICS, PRESSURE, Number
 
 SCRIPTS = sorted(path.name for path in (REPOSITORY / "scripts").glob("*.py"))
 SCRIPTS.remove("command_line.py")
+SCRIPTS.remove("labels.py")
 
-FIELDS = NUMERICS | {"wave_swell": numbers.WAVE}
+FIELDS = {name.replace("<name>", "swell"): field for name, field in NUMERICS.items()}
 
 
 def usual(number: Number) -> float:
@@ -40,10 +39,10 @@ def bad_numerics() -> list[tuple[str, list[float]]]:
     """Names and numbers of custom numerics that are wrong in one way each."""
     cases = []
     for base, kind in FIELDS.items():
-        counts = [n for n in (0, 1, 2, 3, 5, 7, 8, 37) if n not in kind.sizes and n > 0]
+        counts = [n for n in (0, 1, 2, 3, 5, 7, 8, 37) if n not in kind.allowed_counts and n > 0]
         for name in (base, f"{base}_cube") if kind.per_geom else (base,):
             cases += [(name, [usual(kind.numbers[0])] * count) for count in counts]
-            filled = list(kind.numbers) * (kind.sizes[-1] // len(kind.numbers))
+            filled = list(kind.numbers) * (kind.allowed_counts[-1] // len(kind.numbers))
             for i, number in enumerate(filled[: max(len(kind.numbers), 2)]):
                 for value in bad_values(number):
                     values = [usual(other) for other in filled]
@@ -52,7 +51,7 @@ def bad_numerics() -> list[tuple[str, list[float]]]:
         if not kind.per_geom:
             cases.append((f"{base}_x" if base in NUMERICS else "wave", [1.0]))
         else:
-            cases.append((f"{base}_nobody", [usual(kind.numbers[0])] * kind.sizes[0]))
+            cases.append((f"{base}_nobody", [usual(kind.numbers[0])] * kind.allowed_counts[0]))
     return cases
 
 

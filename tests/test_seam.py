@@ -516,7 +516,7 @@ def test_attached_boats_float_where_some_instance_comes_along(named, of_parent, 
 def test_attach_drops_an_instance_that_stands_alone():
     compiled = fleet(named=False, of_parent=False).compile()
     assert compiled.nplugin == 0
-    with pytest.raises(ModelError, match=r"MjSpec\.attach takes an instance along only"):
+    with pytest.raises(ModelError, match=r"MjSpec\.attach copies an instance only"):
         Buoyancy.of(compiled)
 
 
@@ -575,9 +575,9 @@ def test_what_cannot_be_added_is_refused_all_at_once():
     found = error.value.faults
     assert len(found) == 5
     assert found[0] == "there is no body 'torsi'; the model has torso, leg"
-    assert "field 'wav_swell' is unknown; expected numbers of water_density" in found[1]
-    assert found[2] == "field 'drag' takes numbers, not the text 'much'"
-    assert found[3] == "field 'buoyancy_method' takes a text, not 3"
+    assert "'wav_swell' is unknown; expected wave_<name>, sea_jonswap" in found[1]
+    assert found[2] == "field 'drag': 'much' is not a row of numbers"
+    assert found[3] == "field 'buoyancy_method': it takes a text, not 3"
     assert "the water density is -1" in found[4]
 
 
@@ -646,7 +646,7 @@ def test_a_gauge_without_water_and_one_without_a_site_are_refused():
     )
     with pytest.raises(ValueError, match="reads the water of 'waterline': add <extension>"):
         mujoco.MjModel.from_xml_string(alone)
-    with pytest.raises(ValueError, match='sits on a site: give it objtype="site"'):
+    with pytest.raises(ValueError, match='needs a site: set objtype="site"'):
         gauged(sensor=GAUGE.format("cube").replace('"site"', '"body"'))
 
 

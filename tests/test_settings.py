@@ -1,13 +1,14 @@
-"""Settings that overrule a scene's fields, and seas that lie in files."""
+"""Settings that override a scene's fields, and seas from files and from Python."""
 
 import warnings
+from dataclasses import astuple
 
 import numpy as np
 import pytest
 from scenes import CUBE, WAVES, afloat, model, xml
 
 from independent import MODELS, status_of
-from sim import ModelError, Scene, Sea, Wave
+from sim import Linear, ModelError, Scene, Sea, Wave
 from sim.mjcf.files import model_files
 from sim.water.spectrum import bretschneider, ochi_hubble, pierson_moskowitz
 
@@ -18,7 +19,7 @@ def sea_with(*settings: str, custom: str = WAVES) -> Sea:
     return afloat(custom=custom, load=dict(settings=settings)).buoyancy.sea
 
 
-def test_settings_overrule_numbers_parts_of_them_and_texts():
+def test_settings_override_numbers_parts_of_them_and_texts():
     assert sea_with("wave_swell=0.2 8 0 90").waves[0] == Wave(0.2, 8.0, 0.0, np.pi / 2.0)
     swell = sea_with("wave_swell.amplitude=0.05", "wave_swell.phase=90").waves[0]
     assert swell == Wave(0.05, 4.0, 0.0, np.pi / 2.0)
@@ -28,6 +29,39 @@ def test_settings_overrule_numbers_parts_of_them_and_texts():
     assert len(sea_with("wave_new=0.01 1 0 0").waves) == 4
     floats = afloat(load=dict(settings=["buoyancy_method_cube=linear"])).buoyancy.floats
     assert type(floats[0].method).__name__ == "Linear"
+
+
+def test_settings_are_strings_or_a_mapping():
+    strings = ["wave_swell=0.2 8 0 90", "wave_cross.phase=10", "buoyancy_method=linear"]
+    mapping = {
+        "wave_swell": (0.2, 8, 0, 90), "wave_cross.phase": 10, "buoyancy_method": "linear"
+    }  # fmt: skip
+    one, other = (afloat(custom=WAVES, load=dict(settings=s)).buoyancy for s in (strings, mapping))
+    assert one.sea == other.sea
+    assert type(one.floats[0].method) is type(other.floats[0].method) is Linear
+    with pytest.raises(ModelError, match="field 'buoyancy_method': it takes a text, not 3"):
+        afloat(load=dict(settings={"buoyancy_method": 3}))
+
+
+def test_a_sea_from_python_replaces_the_water_of_the_file():
+    """To the round-off of angles in degrees."""
+    sea = Sea.jonswap(0.3, 3.0, heading=0.3, seed=5, density=1000.0, current=(0.5, 0.1, 0.0),
+                      ramp=2.0, tide=[(0.0, 0.1), (5.0, 0.4)], pressure="hydrostatic")  # fmt: skip
+    found = afloat(custom=WAVES, load=dict(sea=sea)).buoyancy.sea
+    assert len(found.waves) == len(sea.waves)
+    for wave, expected in zip(found.waves, sea.waves, strict=True):
+        np.testing.assert_allclose(astuple(wave), astuple(expected), rtol=1e-14)
+    others = ("density", "gravity", "current", "ramp", "tide", "pressure")
+    assert all(getattr(found, name) == getattr(sea, name) for name in others)
+    with pytest.raises(ValueError, match=r"the sea's gravity is 1\.62 and the model's 9.81"):
+        afloat(load=dict(sea=Sea(gravity=1.62)))
+
+
+def test_a_tolerance_may_belong_to_one_geom():
+    other = CUBE.replace('"cube"', '"other"').replace("0 0 0", "3 0 0")
+    settings = {"buoyancy_tolerance": 1e-2, "buoyancy_tolerance_other": 2e-3}
+    scene = afloat(CUBE + other, ("cube", "other"), WAVES, load=dict(settings=settings))
+    assert [f.method.tolerance for f in scene.buoyancy.floats] == [1e-2, 2e-3]
 
 
 def test_a_seed_is_that_of_the_irregular_sea():
@@ -43,7 +77,7 @@ def test_a_seed_is_that_of_the_irregular_sea():
     [
         ("wave_swell", "expected NAME=VALUE"),
         ("=1", "expected NAME=VALUE"),
-        ("water_densty=1000", "unknown; expected water_density"),
+        ("water_densty=1000", "unknown; expected wave_<name>, sea_jonswap"),
         ("water_density=heavy", "'heavy' is not a row of numbers"),
         ("wave_swell=1 2", "has 2 numbers; expected 4"),
         ("wave_swell.height=1", "has the parts amplitude, wavelength, heading, phase"),
@@ -71,15 +105,15 @@ def test_the_command_line_has_settings_keyframes_and_seeds(tmp_path, capsys):
     assert scene.buoyancy.has_resistance
     short = ("--duration", "0.1", "--quiet")
     options = ("--set", "drag=0.2 1 0", "--set", "water_level=0.1", "--keyframe", "high")
-    assert status_of("run.py", path, "--no-record", *short, *options, "--seed", "3") == 0
+    assert status_of("run.py", path, "--no-record", *short, *options, "--set", "seed=3") == 0
     assert status_of("run.py", path, "--no-record", *short, "--keyframe", "up") == 2
     assert "there is no keyframe 'up'; the scene has 'low', 'high'" in capsys.readouterr().err
 
 
-def test_what_overrules_a_scene_goes_by_name():
+def test_arguments_that_override_a_scene_go_by_name():
     """Else a number would be taken for another one: the third was once the tolerance."""
     with pytest.raises(TypeError):
-        Scene.load(MODELS / "cube.xml", "patches", 1e-3)
+        Scene.load(MODELS / "cube.xml", "cube")
     with pytest.raises(TypeError):
         Scene.from_model(model(), "cube", "patches", 1e-3)
     with pytest.raises(TypeError):
@@ -175,7 +209,7 @@ def test_a_sea_gives_back_the_record_that_it_was_made_of(place, tmp_path):
         '<text name="sea_record" data="record.csv"/>'
         f'<numeric name="sea_record" data="22.918312 1 60 {x} {y}"/>',
     )
-    sea = Scene.load(path, method="linear").buoyancy.sea
+    sea = Scene.load(path, settings=["buoyancy_method=linear"]).buoyancy.sea
     found = sea.elevation(*place, times)
     missed = (found - found.mean()) - (record - record.mean())
     assert np.sqrt(np.mean(missed**2)) < 0.02 * record.std()

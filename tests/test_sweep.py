@@ -201,7 +201,6 @@ def test_columns_without_a_number_are_left_out_of_the_summary(tmp_path, capsys):
     ("others", "message"),
     [
         (("--set", "wave_swell.amplitude=0.2"), "rows of another sweep; remove"),
-        (("--method", "linear"), "rows of another sweep, whose method is not the same"),
         (("--duration", "5"), "rows of another sweep, whose duration is not the same"),
     ],
     ids=lambda v: v[0] if isinstance(v, tuple) else "",

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.seas import Pose
+from labels import labelled_method
 from sim.hulls.hull import Hull
-from sim.methods import Method, make_method
+from sim.methods import Method
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -114,12 +115,12 @@ def _fastest(method: Method, pose: Pose) -> float:
 def speeds_and_errors(
     texts: Sequence[str], hull: Hull, sea: Sea, poses: Sequence[Pose], truth: Array, seconds: float
 ) -> Iterator[dict[str, Any]]:
-    """For each of the methods that the texts name what a wrench costs, timed for so many seconds in
-    all, and its errors against the true wrenches (N, 6); the first method is the baseline."""
+    """A row for each labelled method: what a wrench costs, and its errors against the true wrenches
+    (N, 6). The first method is the baseline. All timing together takes `seconds`."""
     methods, setup = [], []
     for text in texts:
         started = perf_counter()
-        methods.append(make_method(text, hull, sea))
+        methods.append(labelled_method(text, hull, sea))
         setup.append(perf_counter() - started)
     times = time_in_turns(methods, poses, seconds)
     # of each pose's repeats, then the mean over poses

@@ -130,14 +130,13 @@ def _path(
 
     class Made(Linear):
         @classmethod
-        def from_text(
-            cls, hull: Hull, sea: Sea, settings: Settings, arguments: list[str]
-        ) -> Method:
+        def from_settings(cls, hull: Hull, sea: Sea, settings: Settings) -> Method:
             return make(hull, sea)
 
     METHODS["made"] = Made
     try:
-        scene = Scene.load(path, "made", timestep=timestep, pressure=pressure)
+        settings = {"buoyancy_method": "made", "water_pressure": pressure}
+        scene = Scene.load(path, settings=settings, timestep=timestep)
         samples = simulate(scene, DURATION, RATE)
         return np.array([[s.centres[0, 2], np.degrees(s.tilts[0])] for s in samples])
     finally:

@@ -51,8 +51,8 @@ from benchmarks.seas import SEAS, waterline_poses
 from benchmarks.ship import ship_costs
 from benchmarks.sources import DURATION, FALL, error_sources
 from benchmarks.steps import step_costs
+from labels import labelled_method
 from sim import Hull, Reference
-from sim.methods import make_method
 from sim.water.head import PRESSURES
 from sim.water.sea import DEFAULT_PRESSURE
 
@@ -296,7 +296,7 @@ def check_files(options: argparse.Namespace) -> None:
     check_drawable(options.figure)
     cube = make_hull("cube")
     for text in options.methods:
-        make_method(text, cube, SEAS["swell"])
+        labelled_method(text, cube, SEAS["swell"])
     check_writable(options.json)
 
 

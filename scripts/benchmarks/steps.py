@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sim.plugin.seam import reading
+from sim.plugin.refusals import reading
 from sim.scenes.scene import Scene
 
 TURNS = 12

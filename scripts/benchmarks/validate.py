@@ -80,8 +80,8 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def markdown(found: list[dict[str, Any]]) -> str:
-    """The tables as a README takes them."""
-    text = ""
+    """The tables as a page in Markdown."""
+    text = "# Validation\n\n"
     for titles, table in tables(found):
         lines = [titles, ("---",) * len(titles), *table]
         text += "".join(f"| {' | '.join(line)} |\n" for line in lines) + "\n"

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from sim.hulls.hull import Hull
 from sim.methods import Linear, Method, Patches
 from sim.runs.simulation import simulate
-from sim.scenes.hydrostatics import Hydrostatics, hydrostatics
+from sim.scenes.hydrostatics import hydrostatics
 from sim.scenes.scene import Scene
+from sim.statics.report import Rest
 from sim.water.sea import Sea
 from sim.water.wave import Wave
 
@@ -125,8 +126,8 @@ def scene_of(body: str, custom: str = "", option: str = "", wigley: Hull | None 
 
 
 def _hydrostatics(wigley: Hull) -> Iterator[Check]:
-    def at_rest(name: str, body: str, hull: Hull | None = None) -> Callable[[], Hydrostatics]:
-        return lambda: hydrostatics(scene_of(body, wigley=hull), with_gz=False)[name]
+    def at_rest(name: str, body: str, hull: Hull | None = None) -> Callable[[], Rest]:
+        return lambda: hydrostatics(scene_of(body, wigley=hull), with_gz=False)[name].rest
 
     box = at_rest("box", _box("1 0.5 0.2", 0.6))
     ship = at_rest("wigley", "free", wigley)
@@ -317,7 +318,7 @@ def _responses(wigley: Hull, ratios: tuple[float, ...]) -> Iterator[Check]:
 
 def wigley_stiffness(wigley: Hull) -> Array:
     """Hydrostatic stiffness (2, 2) [N/m, N m] in heave and pitch about the centre of mass."""
-    found = hydrostatics(scene_of("free", wigley=wigley), with_gz=False)["wigley"]
+    found = hydrostatics(scene_of("free", wigley=wigley), with_gz=False)["wigley"].rest
     return np.array(found.stiffness)[2:5:2, 2:5:2]
 
 

@@ -1,6 +1,6 @@
 """Crossings: triangles of a surface that go through one another.
 
-Source: Moeller and Trumbore 1997 for a side through a triangle.
+Source: Moeller and Trumbore 1997, for a side that goes through a triangle.
 """
 
 import numpy as np
@@ -13,15 +13,16 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 WELL_INSIDE = 1e-9
-"""Of sides and triangles: what only touches does not cross."""
+"""Share of a side, and of a triangle, within which they touch but do not cross."""
 
 ALONG = 1e-18
-"""Square of the sine below which a side runs along a triangle's plane, where all is round-off."""
+"""Square of the sine of the angle between a side and a triangle's plane, below which the side runs
+along the plane and all is round-off."""
 
 
 @inline
 def pierces(corners, i, a, b, j):
-    """Whether side a to b of triangle i goes through triangle j."""
+    """Whether the side from a to b of triangle i goes through triangle j."""
     px, py, pz = corners[i, a, 0], corners[i, a, 1], corners[i, a, 2]
     dx, dy, dz = corners[i, b, 0] - px, corners[i, b, 1] - py, corners[i, b, 2] - pz
     ox, oy, oz = corners[j, 0, 0], corners[j, 0, 1], corners[j, 0, 2]
@@ -43,7 +44,8 @@ def pierces(corners, i, a, b, j):
 
 @kernel
 def mark_crossings(corners, faces, low, high, crosses_out):
-    """Mark the triangles (F, 3, 3) that cross others; sorted by low[:, 0], the boxes' corners."""
+    """Mark the triangles (F, 3, 3) that cross others. low, high: corners (F, 3) of their boxes; all
+    are sorted by low[:, 0]."""
     count = faces.shape[0]
     for i in range(count):
         for j in range(i + 1, count):

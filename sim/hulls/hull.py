@@ -1,8 +1,8 @@
 """Hull: a closed triangle surface that faces outward, checked once.
 
-Everything that computes with a hull may rely on what is refused here: no holes, no edge
-with more than two faces, one consistent winding, a volume. It knows neither water nor MuJoCo.
-(The checks are our own, because trimesh's say whether something is wrong, not how much of what.)
+Whatever computes with a hull may rely on what is refused here: there are no holes, no edges with
+more than two faces, one consistent winding, and a volume. A hull knows neither water nor MuJoCo.
+(trimesh has such checks too, but they say only whether something is wrong, not how much of it.)
 """
 
 import warnings
@@ -12,39 +12,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import (
-    area_vectors,
-    areas,
-    cone_centroid,
-    cone_volumes,
-    distinct_points,
-    spread_lowest,
-)
+from sim.geometry import area_vectors, areas, cone_centroid, cone_volumes, distinct_points, middle
+from sim.hulls.topology import collapsed, compacted, edges_of, shells_of
 from sim.kernels import read_only
 
 Array = NDArray[np.float64]
 
 NO_VOLUME = 1e-14
-"""A volume below this part of area x diagonal is the round-off of a flat surface."""
-
+"""A volume below this share of area times diagonal is the round-off of a flat surface."""
 
 FARTHEST = 1e6
-"""Metres: moments of patches are up to sixth powers of lengths, and single precision, in which they
-are kept, ends at 3e38."""
+"""Metres. Moments of patches are up to sixth powers of lengths, kept in single precision, which
+ends at 3e38."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hull:
     """A closed, outward surface of triangles; immutable.
 
-    vertices: (V, 3) [m], in the hull's own frame; faces: (F, 3) indices, counterclockwise
-    seen from outside. Vertices at the very same place are merged, faces that collapse by
-    it and vertices that no face uses are dropped. A surface that faces inward is
-    turned outward with a warning. Raises ValueError that counts what is wrong and names the remedy.
+    vertices: (V, 3) [m], in the hull's own frame; faces: (F, 3) indices, counterclockwise seen from
+    outside. Vertices at exactly the same place are merged; faces that collapse by that, and
+    vertices that no face uses, are dropped. A surface that faces inward is turned outward with a
+    warning. Raises a ValueError that counts what is wrong and names the remedy.
 
-    volume [m^3] and centroid (3,) [m] are those of the enclosed solid; bounds: (2, 3)
-    [m], lowest and highest corner; area_vectors: (F, 3) [m^2], outward, as long as
-    the face is large.
+    volume [m^3] and centroid (3,) [m] are of the enclosed solid; bounds: (2, 3) [m], lowest and
+    highest corner; area_vectors: (F, 3) [m^2], outward, as long as the face is large.
     """
 
     vertices: Array
@@ -61,22 +53,22 @@ class Hull:
         self._set(vertices, _turned_outward(vertices, faces))
 
     def _set(self, vertices: Array, faces: NDArray[np.int64]) -> None:
-        middle = _middle(vertices)
-        corners = (vertices - middle)[faces]
+        origin = middle(vertices)
+        corners = (vertices - origin)[faces]
         volumes = cone_volumes(corners)
         values = {
             "vertices": vertices,
             "faces": faces,
             "area_vectors": area_vectors(vertices[faces]),
             "volume": float(volumes.sum()),
-            "centroid": middle + cone_centroid(corners, volumes),
+            "centroid": origin + cone_centroid(corners, volumes),
             "bounds": np.array([vertices.min(axis=0), vertices.max(axis=0)]),
         }
         for name, value in values.items():
             object.__setattr__(self, name, _closed(value))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """For pickles and deep copies, whose arrays could else be written to."""
+        """For pickles and deep copies, whose arrays would otherwise be open to changes."""
         self.__dict__.update({name: _closed(value) for name, value in state.items()})
 
     @classmethod
@@ -85,7 +77,7 @@ class Hull:
         return cls(mesh.vertices, mesh.faces)
 
     def moved(self, rotation: Array, position: Array) -> "Hull":
-        """The same, turned by a rotation (3, 3) and then put at a position (3,) [m]."""
+        """The same hull, turned by a rotation (3, 3), then moved by a position (3,) [m]."""
         hull = object.__new__(type(self))
         hull._set(self.vertices @ rotation.T + position, self.faces)
         return hull
@@ -122,8 +114,8 @@ def _checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArr
     farthest = float(np.abs(vertices).max())
     if farthest > FARTHEST:
         raise ValueError(
-            f"the hull reaches {farthest:.3g} m from the origin, where volumes are no numbers any "
-            "more; check the units"
+            f"the hull reaches {farthest:.3g} m from the origin, where volumes are no longer "
+            "numbers; check the units"
         )
     outside = int(np.count_nonzero((faces < 0) | (faces >= len(vertices))))
     if outside:
@@ -134,88 +126,60 @@ def _checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArr
 
 
 def _merged(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-    """Merge vertices at the same place, drop faces that collapse and vertices without a face. The
-    order of what stays is kept."""
-    first, group = distinct_points(vertices)
-    faces = first[group][faces]
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
+    """Merge vertices at the same place, drop faces that collapse and vertices without a face. What
+    stays keeps its order."""
+    first, place = distinct_points(vertices)
+    faces = first[place][faces]
+    faces = faces[~collapsed(faces)]
     if len(faces) == 0:
         raise ValueError(
             "no face is left after merging vertices at the same place; check the units"
         )
-    used, faces = np.unique(faces, return_inverse=True)
-    return vertices[used], faces.reshape(-1, 3)
-
-
-def _directed_edges(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    return compacted(vertices, faces)
 
 
 def _check_edges(faces: NDArray[np.int64]) -> None:
     """Every edge must have two faces that run along it in opposite directions."""
-    edges = _directed_edges(faces)
-    low, high = edges.min(axis=1), edges.max(axis=1)
-    keys = low * (int(faces.max()) + 1) + high
-    _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
-    open_edges = int(np.count_nonzero(count == 1))
+    edges = edges_of(faces)
+    count = len(edges.count)
+    open_edges = int(np.count_nonzero(edges.count == 1))
     if open_edges:
         raise ValueError(
-            f"the surface is not closed: {open_edges} of {len(count)} edges have only one face; "
+            f"the surface is not closed: {open_edges} of {count} edges have only one face; "
             "look at it with `python scripts/check_hull.py FILE`, which mends it with --repair"
         )
-    crowded = int(np.count_nonzero(count > 2))
+    crowded = int(np.count_nonzero(edges.count > 2))
     if crowded:
         raise ValueError(
-            f"{crowded} of {len(count)} edges have more than two faces; remove duplicated and "
-            "inner faces, or make parts that only touch separate hulls"
+            f"{crowded} of {count} edges have more than two faces; remove duplicated and inner "
+            "faces, or make parts that only touch separate hulls"
         )
-    forward = np.bincount(np.ravel(group), weights=edges[:, 0] < edges[:, 1])
+    forward = np.bincount(edges.of_side, weights=edges.is_forward)
     twisted = int(np.count_nonzero(forward != 1))
     if twisted:
         raise ValueError(
-            f"the winding is inconsistent: {twisted} of {len(count)} edges are run along twice in "
+            f"the winding is inconsistent: {twisted} of {count} edges are run along twice in "
             "the same direction; orient the faces alike (for example trimesh.repair.fix_winding)"
         )
 
 
-def _middle(vertices: Array) -> Array:
-    """Middle (3,) of the bounds: cones from there lose little to round-off."""
-    return 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-
-
-def closed_parts(vertices: Array, faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """The connected shells of a surface, as faces (F, 3) each; vertices at a place are one."""
-    _, group = distinct_points(vertices)
-    label = _parts(group[faces], len(vertices))
-    return [faces[label == part] for part in np.unique(label)]
-
-
-def _parts(faces: NDArray[np.int64], vertex_count: int) -> NDArray[np.int64]:
-    """Label (F,) of the connected part that each face belongs to: the lowest vertex it reaches."""
-    label = np.arange(vertex_count)
-    spread_lowest(_directed_edges(faces), label)
-    return label[faces[:, 0]]
-
-
 def _turned_outward(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    volumes = cone_volumes((vertices - _middle(vertices))[faces])
+    shells, shell = np.unique(shells_of(faces), return_inverse=True)
+    volume = np.bincount(shell, cone_volumes((vertices - middle(vertices))[faces]))
+    area = np.bincount(shell, areas(vertices[faces]))
     diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
-    area = areas(vertices[faces])
-    names, part = np.unique(_parts(faces, len(vertices)), return_inverse=True)
-    volume = np.bincount(part, weights=volumes)
-    flat = int(np.count_nonzero(np.abs(volume) <= NO_VOLUME * diagonal * np.bincount(part, area)))
+    flat = int(np.count_nonzero(np.abs(volume) <= NO_VOLUME * diagonal * area))
     if flat:
         raise ValueError(
-            f"{flat} of {len(names)} closed parts of the surface enclose no volume; "
+            f"{flat} of {len(shells)} closed parts of the surface enclose no volume; "
             "give a flat body some thickness"
         )
     inward = int(np.count_nonzero(volume < 0))
     if inward == 0:
         return faces
-    if inward < len(names):
+    if inward < len(shells):
         raise ValueError(
-            f"{inward} of {len(names)} closed parts of the surface face inward; turn them outward "
+            f"{inward} of {len(shells)} closed parts of the surface face inward; turn them outward "
             "(a cavity that water cannot enter is not part of the hull: remove it), for example "
             "with `python scripts/check_hull.py FILE --repair OUT`"
         )

@@ -1,32 +1,31 @@
-"""Repair: a closed, outward surface from what a file has, with all its parts.
+"""Repair: a closed, outward surface made from what a file has, with all its parts.
 
-The steps, in this order: vertices that are almost one are merged, faces without area and doubled
-ones dropped, open edges divided where others' vertices lie on them, sheets that meet at crowded
-edges parted, each part wound one way, mirrored if half a hull is asked to be whole, each rim
-capped by itself, each part turned outward (but a cavity in another), parts that overlap united.
+The steps, in this order: vertices that are almost one are merged; faces without area and doubled
+faces are dropped; open edges are divided where vertices of other open edges lie on them; half a
+hull is mirrored, if asked for; sheets that meet at crowded edges are parted; each part is wound one
+way, and each of its rims capped; parts are turned outward, and those that overlap are united.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.geometry import area_vectors, areas
 from sim.hulls.hull import Hull
-from sim.hulls.survey import MERGED_WITHIN, merged, size_of
-from sim.hulls.topology import directed, edges_of, parts_of, rims_of, wound_alike
+from sim.hulls.tidying import MERGED_WITHIN, size_of, tidied
+from sim.hulls.topology import compacted, edges_of, joined, parts_of, rims_of, wound_alike
 from sim.hulls.union import outer_surface, signed_volume, united
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MOST_CHANGE = 0.03
-"""Part of the volume that a repair may change, apart from what was counted twice."""
+"""Share of the volume that a repair may change, apart from what was counted twice."""
 
 SHRUNK = 1e-6
-"""Part of their size that parts shrink by where they touch others at edges."""
+"""Share of their size by which parts shrink where they touch others at edges."""
 
 THIN = 1e-7
 """Volume over area times size below which a part is a sheet that holds nothing."""
@@ -34,7 +33,7 @@ THIN = 1e-7
 
 @dataclass(frozen=True)
 class Repaired:
-    """The hull, what was done, in words, and what is left to be said against it."""
+    """The hull, None where there is none; what was done; and the faults that are left. In words."""
 
     hull: Hull | None
     done: tuple[str, ...]
@@ -43,65 +42,52 @@ class Repaired:
 
 def repair(vertices: Array, faces: Indices, mirror: str = "") -> Repaired:
     """Close a surface and keep all its parts; mirror: the axis along which half a hull is made
-    whole, as its Survey has it."""
-    done: list[str] = []
+    whole, as its Survey names it."""
     size = size_of(vertices)
-    vertices, faces = _merged(vertices, faces, size, done)
-    faces = _divided(vertices, faces, size, done)
+    within = MERGED_WITHIN * size
+    tidy = tidied(vertices, faces, within)
+    vertices, faces, divided = tidy.vertices, *_divided(tidy.vertices, tidy.faces, within)
     if mirror:
-        vertices, faces = _mirrored(vertices, faces, mirror, size)
-        done.append(f"mirrored along {mirror}")
-        vertices, faces = _merged(vertices, faces, size, [])
-    parts, rims = [], 0
-    for part in _parted(vertices, faces, size, done):
-        whole, count = _capped(vertices, wound_alike(part))
-        parts.append(whole)
-        rims += count
-    if rims:
-        done.append(f"{rims} rims capped")
-    return _assembled(vertices, parts, done)
+        vertices, faces, *_ = tidied(*_mirrored(vertices, faces, mirror, size), within)
+    sheets, crowded, walls = _parted(vertices, faces, size)
+    capped = [_capped(vertices, wound_alike(sheet)) for sheet in sheets]
+    rims = sum(count for _, count in capped)
+    done = (
+        (tidy.merged, f"{tidy.merged} vertices merged"),
+        (tidy.flat, f"{tidy.flat} faces without area dropped"),
+        (tidy.doubled, f"{tidy.doubled} doubled faces dropped"),
+        (divided, f"{divided} faces divided at vertices on their edges"),
+        (mirror, f"mirrored along {mirror}"),
+        (crowded, f"{crowded} crowded edges parted"),
+        (walls, f"{walls} inner walls dropped"),
+        (rims, f"{rims} rims capped"),
+    )
+    parts = [part for part, _ in capped]
+    return _assembled(vertices, parts, [text for happened, text in done if happened])
 
 
-def _merged(vertices: Array, faces: Indices, size: float, done: list[str]) -> tuple[Array, Indices]:
-    before = len(np.unique(faces))
-    vertices, faces = merged(vertices, faces, MERGED_WITHIN * size)
-    if before > len(vertices):
-        done.append(f"{before - len(vertices)} vertices merged")
-    has_area = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    if not has_area.all():
-        done.append(f"{np.count_nonzero(~has_area)} faces without area dropped")
-    faces = faces[has_area]
-    first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]
-    if len(first) < len(faces):
-        done.append(f"{len(faces) - len(first)} doubled faces dropped")
-    return vertices, faces[np.sort(first)]
-
-
-def _divided(vertices: Array, faces: Indices, size: float, done: list[str]) -> Indices:
-    """Faces with an open edge on which a vertex of another open edge lies, divided there."""
+def _divided(vertices: Array, faces: Indices, within: float) -> tuple[Indices, int]:
+    """The faces, divided where a vertex of another open edge lies within a distance [m] of an open
+    edge of theirs, and how many were."""
     divided = 0
     for _ in range(20):
         edges = edges_of(faces)
-        open_sides = np.flatnonzero(edges.count[edges.of_side] == 1)
-        sides = directed(faces)[open_sides]
-        candidates = np.unique(sides)
+        candidates = np.unique(edges.sides[edges.open_sides])
         found: dict[int, tuple[int, int]] = {}
-        for side, (a, b) in zip(open_sides.tolist(), sides.tolist(), strict=True):
-            face = side % len(faces)
-            on = _first_on(vertices, candidates, a, b, MERGED_WITHIN * size)
+        for s in edges.open_sides.tolist():
+            side, face = divmod(s, len(faces))
+            on = _first_on(vertices, candidates, *edges.sides[s], within)
             if face not in found and on is not None:
-                found[face] = side // len(faces), on
+                found[face] = side, on
         if not found:
             break
         divided += len(found)
         faces = _split_faces(faces, found)
-    if divided:
-        done.append(f"{divided} faces divided at vertices on their edges")
-    return faces
+    return faces, divided
 
 
 def _first_on(vertices: Array, candidates: Indices, a: int, b: int, within: float) -> int | None:
-    """The candidate that lies on the side from a to b, next to a; None where there is none."""
+    """Of the candidates on the side from a to b the one next to a; None where there is none."""
     along = vertices[b] - vertices[a]
     length = float(np.linalg.norm(along))
     arms = vertices[candidates] - vertices[a]
@@ -112,7 +98,7 @@ def _first_on(vertices: Array, candidates: Indices, a: int, b: int, within: floa
 
 
 def _split_faces(faces: Indices, at: dict[int, tuple[int, int]]) -> Indices:
-    """Faces with a vertex put on one of their sides, both given by the face."""
+    """The faces, with those divided that `at` gives a side and a vertex on it."""
     kept = np.delete(faces, list(at), axis=0)
     pieces = []
     for face, (side, vertex) in at.items():
@@ -122,7 +108,7 @@ def _split_faces(faces: Indices, at: dict[int, tuple[int, int]]) -> Indices:
 
 
 def _mirrored(vertices: Array, faces: Indices, axis: str, size: float) -> tuple[Array, Indices]:
-    """A half hull and its image beyond the plane across an axis that one of its rims lies in."""
+    """A half hull and its mirror image. Across the axis, its flattest rim is the plane between."""
     i = "xyz".index(axis)
     loops = [vertices[loop] for loop in rims_of(wound_alike(faces))]
     plane = float(min((loop[:, i] for loop in loops), key=np.ptp).mean())
@@ -134,20 +120,14 @@ def _mirrored(vertices: Array, faces: Indices, axis: str, size: float) -> tuple[
     return both, np.concatenate([faces, faces[:, ::-1] + len(vertices)])
 
 
-def _parted(vertices: Array, faces: Indices, size: float, done: list[str]) -> list[Indices]:
-    """The faces part by part, where sheets meet at crowded edges each by itself, without inner
-    walls: those sheets that end at such edges all around and hold nothing when they are capped."""
-    edges, label = edges_of(faces), parts_of(faces)
-    parts = [faces[label == part] for part in range(int(label.max()) + 1)]
-    crowded = edges.vertices[edges.count > 2]
-    if len(crowded) == 0:
-        return parts
-    done.append(f"{len(crowded)} crowded edges parted")
-    known = set(map(tuple, crowded.tolist()))
-    outer = [part for part in parts if not _is_wall(vertices, part, size, known)]
-    if len(outer) < len(parts):
-        done.append(f"{len(parts) - len(outer)} inner walls dropped")
-    return outer
+def _parted(vertices: Array, faces: Indices, size: float) -> tuple[list[Indices], int, int]:
+    """The faces of each part, where sheets that meet at crowded edges are parts too; how many such
+    edges there are, and how many inner walls are left out: sheets that end at such edges all around
+    and hold nothing when they are capped."""
+    edges, parts = edges_of(faces), parts_of(faces)
+    crowded = set(map(tuple, edges.vertices[edges.count > 2].tolist()))
+    outer = [part for part in parts if not _is_wall(vertices, part, size, crowded)]
+    return outer, len(crowded), len(parts) - len(outer)
 
 
 def _is_wall(vertices: Array, part: Indices, size: float, crowded: set[tuple[int, ...]]) -> bool:
@@ -164,14 +144,14 @@ def _is_sheet(vertices: Array, part: Indices, size: float) -> bool:
 
 
 def _capped(vertices: Array, faces: Indices) -> tuple[Indices, int]:
-    """A part with each of its rims closed, and how many there were."""
+    """A part with each of its rims closed, and the number of rims."""
     loops = rims_of(faces)
     caps = [_cap(vertices, loop) for loop in loops]
     return np.concatenate([faces, *caps]), len(loops)
 
 
 def _cap(vertices: Array, loop: Indices) -> Indices:
-    """Faces (N, 3) over a loop, as it would look flat; a fan where it cannot be laid flat."""
+    """Faces (N, 3) over a loop, triangulated where it is laid flat; a fan where it cannot be."""
     import manifold3d
 
     if len(loop) < 3:
@@ -228,44 +208,31 @@ def _assembled(vertices: Array, parts: list[Indices], done: list[str]) -> Repair
 
 
 def _places_of_trouble(vertices: Array, parts: list[Indices]) -> str:
-    """Where edges have not two faces, in words; "" where all have."""
+    """In words, where edges do not have two faces; "" where all do."""
     edges = edges_of(np.concatenate(parts))
     places = vertices[edges.vertices[edges.count != 2]].mean(axis=1)
     return f" around {_listed(places)}" if len(places) else ""
 
 
 def _listed(places: Sequence[Array]) -> str:
-    """The first of some places (3,) [m]."""
+    """The first of some places (3,) [m], in words."""
     return " and ".join("({:.4g}, {:.4g}, {:.4g})".format(*place) for place in places[:3])
 
 
 def _one_hull(vertices: Array, parts: list[Indices]) -> tuple[Hull, float]:
-    """Closed parts as one hull, and the volume [m^3] that they counted twice. Those that touch, so
-    that their edges would be crowded, are united as those that overlap are; where that leaves them
-    touching at an edge, all but the first shrink by SHRUNK."""
+    """Closed parts as one hull, and the volume [m^3] that they counted twice. Parts that touch, so
+    that their edges would be crowded, are united like those that overlap. Where the result still
+    touches itself at an edge, all parts but the first shrink by SHRUNK."""
+    surfaces = [compacted(vertices, part) for part in parts]
     try:
-        hull, twice, _ = outer_surface(*_apart(vertices, parts))
+        hull, twice, _ = outer_surface(*joined(surfaces))
         return hull, twice
     except ValueError:
-        hulls = [Hull(vertices, part) for part in parts]  # which says what is wrong with one
+        hulls = [Hull(*surface) for surface in surfaces]  # which says what is wrong with one
     try:
         return united(hulls, at_least=-1.0) or (hulls[0], 0.0)
     except ValueError:
-        vertices, faces = _apart(vertices, parts)
-        first = np.cumsum([len(np.unique(part)) for part in parts])
-        for start, end in pairwise(first):
-            middle = vertices[start:end].mean(axis=0)
-            vertices[start:end] -= SHRUNK * (vertices[start:end] - middle)
-        hull, twice, _ = outer_surface(vertices, faces)
+        for places, _ in surfaces[1:]:
+            places -= SHRUNK * (places - places.mean(axis=0))
+        hull, twice, _ = outer_surface(*joined(surfaces))
         return hull, twice
-
-
-def _apart(vertices: Array, parts: list[Indices]) -> tuple[Array, Indices]:
-    """Parts that share no vertex: where they touch they would have crowded edges."""
-    places, faces, first = [], [], 0
-    for part in parts:
-        used, own = np.unique(part, return_inverse=True)
-        places.append(vertices[used])
-        faces.append(own.reshape(-1, 3) + first)
-        first += len(used)
-    return np.concatenate(places), np.concatenate(faces)

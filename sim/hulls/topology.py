@@ -1,8 +1,6 @@
-"""Topology: edges, rims and parts of a triangle surface as it comes from a file.
+"""Topology: edges, rims and parts of a triangle surface, given by its faces, (F, 3) indices."""
 
-Faces are (F, 3) indices; an edge is named by its two vertices, the lower index first.
-"""
-
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,53 +11,77 @@ from sim.kernels import kernel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 
 class Edges(NamedTuple):
-    """Of a surface: vertices (E, 2), how many faces (E,) each has, and which edge (3 F,) each of
-    the faces' sides 01, 12, 20 is, first all of the first kind."""
+    """Edges of a surface. Side s of a surface of F faces is side s // F of face s % F.
 
+    sides: (3 F, 2), from vertex to vertex as the faces run: all sides 01, then 12, then 20;
+    vertices: (E, 2) of each edge, the lower one first; count: (E,), how many faces it has;
+    of_side: (3 F,), the edge of each side.
+    """
+
+    sides: Indices
     vertices: Indices
     count: Indices
     of_side: Indices
 
+    @property
+    def is_forward(self) -> Flags:
+        """Whether each side (3 F,) runs from the lower vertex to the higher one."""
+        return self.sides[:, 0] < self.sides[:, 1]
+
+    @property
+    def open_sides(self) -> Indices:
+        """The sides with no other face at their edge."""
+        return np.flatnonzero(self.count[self.of_side] == 1)
+
 
 def directed(faces: Indices) -> Indices:
-    """Sides (3 F, 2) of the faces as they run."""
+    """Sides (3 F, 2) of the faces, in the order of `Edges`."""
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
 
 
 def edges_of(faces: Indices) -> Edges:
-    sides = np.sort(directed(faces), axis=1)
-    base = int(faces.max()) + 1 if len(faces) else 1
+    sides = directed(faces)
+    base = int(faces.max(initial=0)) + 1
     keys, of_side, count = np.unique(
-        sides[:, 0] * base + sides[:, 1], return_inverse=True, return_counts=True
+        sides.min(axis=1) * base + sides.max(axis=1), return_inverse=True, return_counts=True
     )
-    return Edges(np.stack([keys // base, keys % base], axis=1), count, np.ravel(of_side))
+    vertices = np.stack([keys // base, keys % base], axis=1)
+    return Edges(sides, vertices, count, np.ravel(of_side))
 
 
-def face_pairs(faces: Indices, edges: Edges) -> tuple[Indices, NDArray[np.bool_]]:
-    """Pairs (P, 2) of faces at edges that have two, and whether (P,) they run alike along it, as
-    those of one winding do not."""
-    two = edges.count[edges.of_side] == 2
-    sides = np.flatnonzero(two)
-    order = sides[np.argsort(edges.of_side[sides], kind="stable")].reshape(-1, 2)
-    forward = directed(faces)[:, 0] < directed(faces)[:, 1]
-    return order % len(faces), forward[order[:, 0]] == forward[order[:, 1]]
+def face_pairs(edges: Edges) -> tuple[Indices, Flags]:
+    """The two faces (P, 2) at each edge that has just two, and whether (P,) both run along it in
+    the same direction, so that their windings differ."""
+    sides = np.flatnonzero(edges.count[edges.of_side] == 2)
+    pairs = sides[np.argsort(edges.of_side[sides], kind="stable")].reshape(-1, 2)
+    forward = edges.is_forward[pairs]
+    return pairs % (len(edges.sides) // 3), forward[:, 0] == forward[:, 1]
 
 
-def parts_of(faces: Indices) -> Indices:
-    """Part (F,) of each face, from 0: faces hang together where an edge has just two."""
-    pairs, _ = face_pairs(faces, edges_of(faces))
+def parts_of(faces: Indices) -> list[Indices]:
+    """The parts of a surface, as faces (N, 3) each. Two faces hang together where they are the only
+    ones at an edge."""
+    pairs, _ = face_pairs(edges_of(faces))
     label = np.arange(len(faces))
     spread_lowest(pairs, label)
-    return np.unique(label, return_inverse=True)[1].reshape(-1)
+    return [faces[label == part] for part in np.unique(label)]
+
+
+def shells_of(faces: Indices) -> Indices:
+    """The lowest vertex of each face's shell (F,): of all faces that hang together at vertices."""
+    label = np.arange(int(faces.max()) + 1)
+    spread_lowest(directed(faces), label)
+    return label[faces[:, 0]]
 
 
 @kernel
 def turn_alike(starts, neighbours, alike, turned_out):
-    """Which faces (F,) are to be turned so that all of a part run as its first: neighbours and
-    whether they run alike, those of face f from starts[f] on. -1: not yet known."""
+    """Which faces (F,) must be turned so that all of a part run as its first one does. The
+    neighbours of face f, and whether they run alike, begin at starts[f]. -1: not yet known."""
     stack = np.empty(turned_out.size, np.int64)
     for first in range(turned_out.size):
         if turned_out[first] >= 0:
@@ -77,10 +99,8 @@ def turn_alike(starts, neighbours, alike, turned_out):
 
 
 def wound_alike(faces: Indices) -> Indices:
-    """The faces, those turned that do not run as the first one of their part."""
-    if len(faces) == 0:
-        return faces
-    pairs, alike = face_pairs(faces, edges_of(faces))
+    """The faces, turned where they do not run as the first face of their part does."""
+    pairs, alike = face_pairs(edges_of(faces))
     both = np.concatenate([pairs, pairs[:, ::-1]])
     order = np.argsort(both[:, 0], kind="stable")
     starts = np.searchsorted(both[order, 0], np.arange(len(faces) + 1))
@@ -92,9 +112,8 @@ def wound_alike(faces: Indices) -> Indices:
 def rims_of(faces: Indices) -> list[Indices]:
     """The loops of vertices around the holes of a surface, each as the missing faces would run."""
     edges = edges_of(faces)
-    sides = directed(faces)[edges.count[edges.of_side] == 1]
     onward: dict[int, list[int]] = {}
-    for a, b in sides[:, ::-1].tolist():
+    for b, a in edges.sides[edges.open_sides].tolist():
         onward.setdefault(a, []).append(b)
     loops = []
     for start in list(onward):
@@ -107,3 +126,22 @@ def rims_of(faces: Indices) -> list[Indices]:
                     break
             loops.append(np.array(loop))
     return loops
+
+
+def collapsed(faces: Indices) -> Flags:
+    """Which faces (F,) have one vertex twice."""
+    a, b, c = faces.T
+    return (a == b) | (b == c) | (c == a)
+
+
+def compacted(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
+    """Vertices and faces of a surface, without the vertices that no face uses."""
+    used, faces = np.unique(faces, return_inverse=True)
+    return vertices[used], faces.reshape(-1, 3)
+
+
+def joined(surfaces: Sequence[tuple[Array, Indices]]) -> tuple[Array, Indices]:
+    """Vertices and faces of several surfaces in one, which share no vertex."""
+    first = np.cumsum([0] + [len(vertices) for vertices, _ in surfaces])
+    faces = [faces + n for (_, faces), n in zip(surfaces, first, strict=False)]
+    return np.concatenate([vertices for vertices, _ in surfaces]), np.concatenate(faces)

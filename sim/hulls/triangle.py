@@ -1,4 +1,4 @@
-"""Triangle: hydrostatic force and torque of one triangle in closed form, and the straight clip.
+"""Triangle: hydrostatic force and torque of a triangle in closed form, and the straight clip.
 
 The head e [m] is the depth below the surface, linear over the triangle; the pressure
 density * gravity * e pushes against the outward area vector S = (b - a) x (c - a) / 2. Exactly,
@@ -6,8 +6,8 @@ density * gravity * e pushes against the outward area vector S = (b - a) x (c - 
     F = - density gravity  (e_a + e_b + e_c)/3  S
     T = - density gravity  [ (a + b + c)(e_a + e_b + e_c) + a e_a + b e_b + c e_c ]/12  x  S
 
-with the torque about the origin of a, b, c. Kernels return F and T divided by
-- density gravity, so that the caller scales a sum once.
+with the torque about the origin of a, b, c. Kernels return F and T over - density gravity, so that
+the caller scales a sum once.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ from sim.kernels import inline, kernel
 
 @kernel
 def sum_wet(corners, heads, sums_out):
-    """Sums (6,) of whole triangles over - density gravity: corners (N, 3, 3), heads (N, 3)."""
+    """F and T (6,) of triangles, corners (N, 3, 3) and heads (N, 3), over - density gravity."""
     sums_out[:] = 0.0
     for i in range(corners.shape[0]):
         a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
@@ -55,13 +55,12 @@ def wet_triangles_wrench(
     gravity: float,
     about: ArrayLike = (0.0, 0.0, 0.0),
 ) -> NDArray[np.float64]:
-    """Wrench (6,) [N, N m] of triangles that are known to be wet, for a clipper of your own.
+    """Wrench (6,) [N, N m] of triangles that are wholly wet, for those who clip by themselves.
 
-    corners: (N, 3, 3) [m], three corners a triangle, counterclockwise seen from outside;
-    heads: (N, 3) [m], depth below the surface at each corner, taken as linear in between (a
-    negative head pulls); density [kg/m^3]; gravity [m/s^2]; about: (3,) [m], the point that the
-    torque refers to. The axes are those of the corners. Exact up to round-off.
-    Raises ValueError when the shapes do not fit.
+    corners: (N, 3, 3) [m], counterclockwise seen from outside; heads: (N, 3) [m], depth below the
+    surface at each corner, linear in between (a negative head pulls); density [kg/m^3]; gravity
+    [m/s^2]; about: (3,) [m], the point that the torque is about. The axes are those of the corners.
+    Exact up to round-off. Raises ValueError when the shapes do not fit.
     """
     about = np.asarray(about, dtype=float)
     corners = np.asarray(corners, dtype=float)
@@ -77,8 +76,9 @@ def wet_triangles_wrench(
 
 
 def gauss_rule(order: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gauss rule on a triangle: barycentric points (n^2, 3) and weights that sum to 1, exact for
-    polynomials up to degree 2 n - 2; a square's rule with one side collapsed (Duffy 1982)."""
+    """Gauss rule on a triangle, exact for polynomials up to degree 2 n - 2: barycentric points
+    (n^2, 3) and weights (n^2,) that sum to 1. A square's rule with one side collapsed (Duffy
+    1982)."""
     nodes, weights = leggauss(order)
     u, w = 0.5 * (nodes + 1.0), 0.5 * weights
     x, y = np.meshgrid(u, u, indexing="ij")
@@ -87,22 +87,11 @@ def gauss_rule(order: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 @kernel
-def clip_count(heads):
-    """Triangles that the wet parts of triangles with heads (N, 3) are made of: 1 each with one
-    or three wet corners, 2 each with two."""
-    count = 0
-    for i in range(heads.shape[0]):
-        wet = (heads[i, 0] > 0.0) + (heads[i, 1] > 0.0) + (heads[i, 2] > 0.0)
-        count += 2 if wet == 2 else min(wet, 1)
-    return count
-
-
-@kernel
 def clipped(corners, heads):
-    """Wet parts of triangles (N, 3, 3) whose heads (N, 3) are linear: triangles (M, 3, 3) with
-    heads (M, 3) again, which sum to the wet part."""
-    count = clip_count(heads)
-    wet_corners, wet_heads = np.empty((count, 3, 3)), np.empty((count, 3))
+    """Wet parts of triangles (N, 3, 3) whose heads (N, 3) are linear, as triangles (M, 3, 3) with
+    heads (M, 3)."""
+    most = 2 * corners.shape[0]  # a triangle with two wet corners leaves a quadrangle
+    wet_corners, wet_heads = np.empty((most, 3, 3)), np.empty((most, 3))
     polygon, values = np.empty((4, 3)), np.empty(4)
     n = 0
     for f in range(corners.shape[0]):
@@ -119,29 +108,26 @@ def clipped(corners, heads):
                 values[size] = 0.0
                 size += 1
         for k in range(1, size - 1):
-            wet_corners[n, 0], wet_corners[n, 1], wet_corners[n, 2] = (
-                polygon[0], polygon[k], polygon[k + 1],
-            )  # fmt: skip
-            wet_heads[n, 0], wet_heads[n, 1], wet_heads[n, 2] = values[0], values[k], values[k + 1]
+            wet_corners[n, 0], wet_heads[n, 0] = polygon[0], values[0]
+            wet_corners[n, 1:], wet_heads[n, 1:] = polygon[k : k + 2], values[k : k + 2]
             n += 1
-    return wet_corners, wet_heads
+    return wet_corners[:n], wet_heads[:n]
 
 
 @inline
 def clip_dry_part(ax, ay, az, bx, by, bz, cx, cy, cz, ea, eb, ec):
     """What a straight clip takes from the corner sums of a triangle that the water cuts.
 
-    Corner a is the odd one out: the only wet corner or the only dry one. The waterline crosses
-    the edges ab and ac at p and q, where the head, linear along each edge, is zero.
-    Summing the closed form over the wet corners alone counts their heads over the whole
-    triangle; the difference to the wet part is, whichever corner a is,
+    Corner a is the only wet one or the only dry one. The waterline crosses the edges ab and ac at p
+    and q, where the head, linear along each edge, is zero. Summing the closed form over the wet
+    corners alone counts their heads over the whole triangle. In both cases the difference to the
+    wet part is
 
         |e_a| / 3  (1 - t_b t_c)                                  on S, and
         |e_a| / 12 [ (2a + b + c) - (2a + p + q) t_b t_c ]        on x S,
 
-    t_b and t_c being the fractions of the edges from a to p and from a to q: both cases
-    are "the whole minus the odd corner" with the sign of e_a turned. Returns the factor of S
-    and the vector to be crossed with S.
+    where t_b and t_c are the fractions of the edges from a to p and from a to q. Returns the factor
+    of S and the vector to be crossed with S.
     """
     tb = ea / (ea - eb)
     tc = ea / (ea - ec)

@@ -1,6 +1,7 @@
-"""Union: closed surfaces that overlap as one, so that no water is displaced twice.
+"""Union: closed surfaces that overlap made one, so that no water is displaced twice.
 
-By the library manifold3d, in double precision. What does not overlap is left as it is, to the bit.
+The library manifold3d does it, in double precision. What does not overlap stays as it is, to the
+bit.
 """
 
 from collections.abc import Sequence
@@ -9,41 +10,39 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import cone_volumes
-from sim.hulls.hull import Hull, closed_parts
+from sim.geometry import cone_volumes, distinct_points, middle, spread_lowest
+from sim.hulls.hull import Hull
+from sim.hulls.topology import joined, shells_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 COUNTED_TWICE = 1e-6
-"""Part of the volume below which surfaces touch and do not overlap."""
+"""Surfaces that share no more than this share of their volume touch, and do not overlap."""
 
 LEVELS = 64
-"""Heights, from the top, at which an open boat's inside is looked for."""
+"""Heights, from the top down, at which the inside of an open boat is looked for."""
 
 INTO_WALLS = 1e-5
-"""Part of its size by which an inside reaches into the walls around it."""
+"""Share of its size by which an inside reaches into the walls around it."""
 
 SAME_HEIGHT = 1e-6
-"""Of a hull's height: a gunwale this close to a vertex is there."""
+"""Share of a hull's height within which a gunwale is taken to be at a vertex."""
 
 
 def overlapping(bounds: Array) -> list[list[int]]:
-    """Groups of boxes (N, 2, 3) that hang together by overlaps, in the order of their first."""
+    """Groups of boxes (N, 2, 3) that overlaps connect, in the order of their first members."""
     low, high = bounds[:, 0], bounds[:, 1]
     meets = (low[:, None] < high[None]).all(axis=2) & (low[None] < high[:, None]).all(axis=2)
     group = np.arange(len(bounds))
-    for _ in range(len(bounds)):
-        lowest = np.where(meets, group[None], len(bounds)).min(axis=1, initial=len(bounds))
-        if (lowest >= group).all():
-            break
-        group = np.minimum(group, lowest)
+    spread_lowest(np.ascontiguousarray(np.argwhere(meets)), group)
     return [np.flatnonzero(group == g).tolist() for g in np.unique(group)]
 
 
 def united(hulls: Sequence[Hull], at_least: float = COUNTED_TWICE) -> tuple[Hull, float] | None:
-    """Hulls, in one frame, as one, and the volume [m^3] that they count twice by themselves; None
-    where that is not even this part of theirs. Raises ValueError where manifold3d cannot."""
+    """Hulls in one frame made one, and the volume [m^3] that they count twice when they are apart;
+    None where this is at most a share of their volume. Raises ValueError where manifold3d
+    cannot."""
     import manifold3d
 
     if len(hulls) < 2:
@@ -63,11 +62,12 @@ def shared_volume(one: Hull, other: Hull) -> float:
 
 
 def decked(hull: Hull) -> tuple[Hull, float] | None:
-    """An open boat's hull with what it would hold of water up to its lowest gunwale, closed by a
-    level deck there, and that volume [m^3]; None where it holds none. z is up.
+    """An open boat's hull closed by a level deck at its lowest gunwale, and the volume [m^3] of
+    water that it would hold without; None where it holds none. z is up.
 
-    A section below the gunwale is a ring; a prism over its inside, less the hull itself, falls into
-    the inside, which reaches up to the deck, and what lies below the hull's outside.
+    A level section below the gunwale is a ring. A prism over the ring's hole, without the hull
+    itself, falls apart into the boat's inside, which reaches up to the deck, and pieces below the
+    hull.
     """
     import manifold3d
 
@@ -90,15 +90,13 @@ def decked(hull: Hull) -> tuple[Hull, float] | None:
 
 
 def _widened(solid: Any) -> Any:
-    """A solid made larger by INTO_WALLS about its middle, so that it does not only touch."""
-    box = np.reshape(solid.bounding_box(), (2, 3))
-    middle = 0.5 * (box[0] + box[1])
-    grown = solid.translate(-middle).scale([1.0 + INTO_WALLS] * 3)
-    return grown.translate(middle)
+    """A solid made larger by INTO_WALLS about its middle, so that it reaches into its walls."""
+    centre = middle(np.reshape(solid.bounding_box(), (2, 3)))
+    return solid.translate(-centre).scale([1.0 + INTO_WALLS] * 3).translate(centre)
 
 
 def _gunwale(solid: Any, low: float, high: float) -> float | None:
-    """The greatest height [m] below which a level section has an inside; None where none has."""
+    """The greatest height [m] up to which a level section is a ring; None where none is."""
 
     def is_ring(level: float) -> bool:
         return any(map(_is_hole, solid.slice(level).to_polygons()))
@@ -109,8 +107,8 @@ def _gunwale(solid: Any, low: float, high: float) -> float | None:
         return None
     above = below + (high - low) / (LEVELS + 1)
     for _ in range(30):
-        middle = 0.5 * (below + above)
-        below, above = (middle, above) if is_ring(middle) else (below, middle)
+        between = 0.5 * (below + above)
+        below, above = (between, above) if is_ring(between) else (below, between)
     return float(below)
 
 
@@ -140,26 +138,24 @@ def _solid(hull: Hull) -> Any:
 
 
 def outer_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Hull, float, int]:
-    """The Hull of a surface of several closed shells, as the water sees it: shells that overlap or
-    lie in one another count once, and a shell that faces inward within another is a cavity that
-    stays dry, so it displaces what is around it.
+    """The Hull of a surface of several closed shells, as the water sees it. Shells that overlap or
+    lie in one another count once. A shell that faces inward within another is a cavity that stays
+    dry, so the water around it is displaced there too.
 
-    Returns the hull, the volume [m^3] that the shells counted twice, and the number of cavities.
+    Returns the hull, the volume [m^3] that the shells count twice, and the number of cavities.
     Raises ValueError as Hull does.
     """
     vertices, faces = np.asarray(vertices, dtype=float), np.asarray(faces)
-    parts = closed_parts(vertices, faces)
-    if len(parts) < 2:
+    name = shells_of(distinct_points(vertices)[1][faces])
+    shells = [faces[name == n] for n in np.unique(name)]
+    if len(shells) < 2:
         return Hull(vertices, faces), 0.0, 0
-    volumes = [signed_volume(vertices, part) for part in parts]
-    outward = [part for part, volume in zip(parts, volumes, strict=True) if volume > 0.0]
-    if not outward:
-        return Hull(vertices, faces), 0.0, 0
-    hulls = [Hull(vertices, part) for part in outward]
-    for part, volume in zip(parts, volumes, strict=True):
-        if volume <= 0.0 and not _is_cavity(vertices, part, hulls):
-            return Hull(vertices, faces), 0.0, 0  # which says what is wrong
-    cavities = len(parts) - len(outward)
+    outward, inward = [], []
+    for shell in shells:
+        (outward if signed_volume(vertices, shell) > 0.0 else inward).append(shell)
+    hulls = [Hull(vertices, shell) for shell in outward]
+    if not hulls or not all(_is_cavity(vertices, shell, hulls) for shell in inward):
+        return Hull(vertices, faces), 0.0, 0  # which says what is wrong
     twice, whole = 0.0, []
     for group in overlapping(np.array([hull.bounds for hull in hulls])):
         try:
@@ -169,10 +165,8 @@ def outer_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Hull, float, i
         whole += [found[0]] if found else [hulls[i] for i in group]
         twice += found[1] if found else 0.0
     if not twice:
-        return Hull(vertices, np.concatenate(outward)), 0.0, cavities
-    first = np.cumsum([0] + [len(hull.vertices) for hull in whole])
-    joined = np.concatenate([hull.faces + n for hull, n in zip(whole, first, strict=False)])
-    return Hull(np.concatenate([hull.vertices for hull in whole]), joined), twice, cavities
+        return Hull(vertices, np.concatenate(outward)), 0.0, len(inward)
+    return Hull(*joined([(hull.vertices, hull.faces) for hull in whole])), twice, len(inward)
 
 
 def signed_volume(vertices: Array, faces: Indices) -> float:
@@ -181,9 +175,9 @@ def signed_volume(vertices: Array, faces: Indices) -> float:
     return float(cone_volumes(corners - corners.reshape(-1, 3).mean(axis=0)).sum())
 
 
-def _is_cavity(vertices: Array, part: Indices, outward: Sequence[Hull]) -> bool:
+def _is_cavity(vertices: Array, faces: Indices, outward: Sequence[Hull]) -> bool:
     """Whether a shell that faces inward lies wholly in one that faces outward."""
-    shell = Hull(vertices, part[:, ::-1])
+    shell = Hull(vertices, faces[:, ::-1])
     return any(
         (hull.bounds[0] <= shell.bounds[0]).all() and (shell.bounds[1] <= hull.bounds[1]).all()
         and shared_volume(shell, hull) >= (1.0 - COUNTED_TWICE) * shell.volume

@@ -3,12 +3,7 @@
     method = Linear(hull, sea)
     method.wrench(position, rotation, time)     # (6,) force [N], torque [N m], world axes
 
-Scenes and command lines name a method by a text, its own settings behind colons:
-
-    linear
-    chord[:samples][:crests]     chord:8, chord:4:crests (crests only)
-    patches[:tolerance]          m of water height
-    reference[:tolerance]        of density * gravity * volume
+A scene names its method by the text `buoyancy_method`.
 """
 
 from sim.hulls.hull import Hull
@@ -25,21 +20,18 @@ METHODS: dict[str, type[Method]] = {
     "patches": Patches,
     "reference": Reference,
 }
-"""The class that each name in a scene or on a command line stands for; add your own."""
+"""The class of each method that a scene may name; add your own."""
 
 
-def make_method(text: str, hull: Hull, sea: Sea, settings: Settings | None = None) -> Method:
-    """The method that a text names, for a hull in a sea. Its own settings overrule `settings`.
-
-    Raises ValueError for a text that names none.
-    """
-    name, *arguments = text.split(":")
+def make_method(name: str, hull: Hull, sea: Sea, settings: Settings | None = None) -> Method:
+    """The method of that name for a hull in a sea. Raises ValueError for an unknown name, and for
+    settings that the method cannot follow."""
     if name not in METHODS:
-        raise ValueError(f"'{text}' is no method; expected one of: {', '.join(METHODS)}")
+        raise ValueError(f"'{name}' is no method; expected one of: {', '.join(METHODS)}")
     try:
-        return METHODS[name].from_text(hull, sea, settings or Settings(), arguments)
+        return METHODS[name].from_settings(hull, sea, settings or Settings())
     except ValueError as error:
-        raise ValueError(f"method '{text}': {error}") from None
+        raise ValueError(f"method '{name}': {error}") from None
 
 
 __all__ = [

@@ -29,7 +29,7 @@ from sim.methods.linear import (
     wet_sums,
     write_turned,
 )
-from sim.methods.method import Kernel, Settings, expect_at_most
+from sim.methods.method import Kernel, Settings
 from sim.water.head import solve_heads
 from sim.water.sea import Sea
 
@@ -66,12 +66,8 @@ class Chord(Linear):
         return chord_wrenches
 
     @classmethod
-    def from_text(cls, hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Self:
-        crests_only = arguments[-1:] == ["crests"]
-        numbers = arguments[:-1] if crests_only else arguments
-        expect_at_most(1, numbers)
-        samples = int(numbers[0]) if numbers else settings.chord_samples
-        return cls(hull, sea, samples, crests_only)
+    def from_settings(cls, hull: Hull, sea: Sea, settings: Settings) -> Self:
+        return cls(hull, sea, settings.chord_samples)
 
 
 @kernel

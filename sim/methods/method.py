@@ -30,13 +30,16 @@ the end, but each part costs a few microseconds."""
 
 @dataclass(frozen=True)
 class Settings:
-    """What a scene says for all its methods; one that has no use for a setting ignores it.
+    """The fields of a scene that concern its methods, by their names. A method ignores those that
+    it has no use for.
 
-    tolerance [m of water height], None for the method's own default; chord_samples: points of
-    a chord."""
+    buoyancy_tolerance [m of water height], None for the method's own default; chord_samples: points
+    on each chord; reference_tolerance [of density * gravity * volume].
+    """
 
-    tolerance: float | None = None
+    buoyancy_tolerance: float | None = None
     chord_samples: int = 4
+    reference_tolerance: float = 1e-9
 
 
 @dataclass(frozen=True)
@@ -161,10 +164,8 @@ class Method(ABC):
         """
 
     @classmethod
-    def from_text(cls, hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Self:
-        """The method with the settings that a scene's text has behind colons, `arguments`. Raises
-        ValueError."""
-        expect_at_most(0, arguments)
+    def from_settings(cls, hull: Hull, sea: Sea, settings: Settings) -> Self:
+        """The method with a scene's settings. Raises ValueError."""
         return cls(hull, sea)
 
     @classmethod
@@ -184,12 +185,6 @@ class Loop(Batch):
     ) -> None:
         for method, pose, row in self._hulls:
             wrenches_out[row] = method.wrench(positions[pose], rotations[pose], time)
-
-
-def expect_at_most(count: int, arguments: list[str]) -> None:
-    """Refuse more settings than a method has."""
-    if len(arguments) > count:
-        raise ValueError(f"found {len(arguments)} settings, expected at most {count}")
 
 
 PLACE = record(pose="i8", row="i8")

@@ -21,10 +21,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import area_vectors, areas
+from sim.geometry import area_vectors, areas, sides
 from sim.hulls.hull import Hull
 from sim.hulls.triangle import clipped, gauss_rule, sum_wet
-from sim.methods.method import Method, Settings, expect_at_most, pose_arrays
+from sim.methods.method import Method, Settings, pose_arrays
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -64,9 +64,8 @@ class Reference(Method):
         self._area = float(np.linalg.norm(hull.area_vectors, axis=1).sum())
 
     @classmethod
-    def from_text(cls, hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Self:
-        expect_at_most(1, arguments)
-        return cls(hull, sea, *map(float, arguments))
+    def from_settings(cls, hull: Hull, sea: Sea, settings: Settings) -> Self:
+        return cls(hull, sea, settings.reference_tolerance)
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
         position, rotation, is_finite = pose_arrays(position, rotation, float(time))
@@ -163,10 +162,9 @@ class _Water:
 
 
 def _horizontal_radius(corners: Array) -> Array:
-    """Radius (N,) [m] of a circle that, seen from above, covers the triangle: its longest side
-    over the root of 3 (Jung's theorem)."""
-    sides = corners[..., :2] - np.roll(corners[..., :2], 1, axis=1)
-    return np.linalg.norm(sides, axis=2).max(axis=1) / np.sqrt(3.0)
+    """Radius (N,) [m] of a circle that covers the triangle, seen from above: its longest side over
+    the root of 3 (Jung's theorem)."""
+    return sides(corners[..., :2]).max(axis=1) / np.sqrt(3.0)
 
 
 def _halved(water: _Water, corners: Array, heads: Array) -> tuple[Array, Array, float]:

@@ -1,4 +1,4 @@
-"""Checks: options of a model under which the water's push would be wrong or would never happen."""
+"""Checks: options of a model with which the forces of the water would be wrong or missing."""
 
 from collections.abc import Iterator
 
@@ -8,11 +8,11 @@ import numpy as np
 from sim.mjcf.faults import Faults
 
 AIR = {"density": 2.0, "viscosity": 1e-4}
-"""Below these [kg/m^3, Pa s] MuJoCo's own fluid is taken for air."""
+"""Density [kg/m^3] and viscosity [Pa s] below which MuJoCo's own fluid counts as air."""
 
 
 def check_physics(model: mujoco.MjModel, faults: Faults) -> None:
-    """Collect what is wrong with a model's options."""
+    """Collect a fault for each wrong option of a model."""
     for fault in _wrong_options(model):
         with faults.collected():
             raise ValueError(fault)
@@ -24,9 +24,8 @@ def _wrong_options(model: mujoco.MjModel) -> Iterator[str]:
         value = getattr(option, name)
         if not 0.0 <= value < of_air:
             yield (
-                f"option {name} is {value:g}: MuJoCo would add its own fluid forces and the fluid "
-                "would count twice; set it to 0 (the water's density is the custom numeric "
-                "'water_density')"
+                f"option {name} is {value:g}: MuJoCo would add its own fluid forces, and the fluid "
+                "would count twice; set it to 0 (the custom numeric 'water_density' is the water's)"
             )
     for name, expected in (
         ("timestep", "above 0"),
@@ -49,19 +48,19 @@ def _wrong_options(model: mujoco.MjModel) -> Iterator[str]:
         )
     if option.disableflags & int(bits.mjDSBL_GRAVITY):
         yield (
-            "option flag gravity is disabled: bodies would have no weight and the water would "
+            "option flag gravity is disabled: bodies would have no weight, and the water would "
             "still push them up; enable it"
         )
     passive = int(bits.mjDSBL_SPRING) | int(bits.mjDSBL_DAMPER)
     if option.disableflags & passive == passive:
         yield (
-            "option flags spring and damper are both disabled: MuJoCo then never calls "
-            "mjcb_passive and nothing would float; enable one of them"
+            "option flags spring and damper are both disabled: MuJoCo then computes no passive "
+            "forces, and nothing would float; enable one of them"
         )
 
 
 def check_solver(model: mujoco.MjModel) -> None:
-    """Refuse solvers whose matrix of contacts is made before drag and added mass are known."""
+    """Refuse solvers that use the inertia matrix from before drag and added mass are added."""
     found = ""
     if model.opt.solver == mujoco.mjtSolver.mjSOL_PGS:
         found = "option solver is PGS"

@@ -1,4 +1,4 @@
-"""Drag fields: the drag, added mass and damping that a model's custom fields give a geom."""
+"""Drag fields: from a model's custom fields to the drag, added mass and damping of a geom."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim.geometry import moved_matrix
 from sim.hulls.hull import Hull
-from sim.mjcf.custom_fields import of_geom
+from sim.mjcf.elements import of_geom
 from sim.mjcf.floats import body_label
 from sim.mjcf.geoms import frame_rotation, geom_in_inertial_frame
 from sim.resistance.added_mass import added_mass_matrix, damping_matrix
@@ -23,14 +23,18 @@ BASES = ("drag", "drag_angular", "added_mass", "damping")
 
 @dataclass(frozen=True)
 class DragFields:
-    """What a model says about a geom's resistance: numbers by BASES, and which say it."""
+    """The fields of a geom's resistance.
+
+    values: the numbers of those of BASES that the model has. sources: the names of the fields that
+    they come from.
+    """
 
     values: Mapping[str, Array]
     sources: tuple[str, ...]
 
     @classmethod
     def of(cls, names: Sequence[str], numerics: Mapping[str, Array]) -> "DragFields":
-        """A geom's own, else the scene's."""
+        """The fields that hold for a geom (see `of_geom`)."""
         sources = {base: of_geom(base, names, numerics) for base in BASES}
         found = {base: source for base, source in sources.items() if source in numerics}
         values = {base: numerics[source] for base, source in found.items()}
@@ -38,14 +42,15 @@ class DragFields:
 
     @property
     def key(self) -> tuple[tuple[str, bytes], ...]:
-        """What tells them from others."""
+        """A key that is equal for equal fields."""
         return tuple((base, values.tobytes()) for base, values in self.values.items())
 
     def made(
         self, model: mujoco.MjModel, geom: int, hull: Hull, sea: Sea, afloat: float
     ) -> Drag | None:
-        """The Drag of a geom's hull, None where nothing resists. Matrices, such as a panel code
-        gives, are those of the hull afloat, of which a part is submerged. Raises ValueError."""
+        """The Drag of a geom's hull; None without resistance. afloat: the submerged share of the
+        hull at rest. A matrix, as a panel code gives it, belongs to the hull at rest, so it is
+        divided by that share. Raises ValueError."""
         values = self.values
         if not any(value.any() for value in values.values()):
             return None
@@ -62,30 +67,29 @@ class DragFields:
                     matrices[base] = moved_matrix(matrix, *in_body) / share
             return Drag(hull, sea, DragCoefficients(*strengths), **matrices)
         except ValueError as error:
-            asked = " and ".join(f"'{source}'" for source in self.sources)
-            raise ValueError(f"custom numeric {asked}: {error}") from None
+            names = " and ".join(f"'{source}'" for source in self.sources)
+            raise ValueError(f"custom numeric {names}: {error}") from None
 
 
 def _matrix_of(
     model: mujoco.MjModel, geom: int, hull: Hull, sea: Sea, base: str, given: Array
 ) -> Array:
-    """Added mass or damping (6, 6) along the axes and about the origin of the inertial frame of a
-    geom's body."""
+    """Added mass or damping (6, 6) in the inertial frame of a geom's body."""
     if base == "damping":
         return damping_matrix(given)
-    place, turn = geom_in_inertial_frame(model, geom)
-    matrix = added_mass_matrix(hull.moved(turn, place), sea.density, given)
-    _check_room(model, int(model.geom_bodyid[geom]), matrix)
+    position, rotation = geom_in_inertial_frame(model, geom)
+    matrix = added_mass_matrix(hull.moved(rotation, position), sea.density, given)
+    _check_diagonal(model, int(model.geom_bodyid[geom]), matrix)
     return matrix
 
 
-def _check_room(model: mujoco.MjModel, body: int, matrix: Array) -> None:
-    """Refuse an added mass (6, 6), in the body's inertial frame, that MuJoCo's matrix of inertia
-    has no place for: of a simple body it keeps the diagonal alone."""
+def _check_diagonal(model: mujoco.MjModel, body: int, matrix: Array) -> None:
+    """Refuse an added mass (6, 6), in the body's inertial frame, that is not diagonal in the
+    joint's axes, for a simple body: MuJoCo keeps only the diagonal of its inertia matrix."""
     if model.body_simple[body] == 0:
         return
     if model.jnt_type[model.body_jntadr[body]] == mujoco.mjtJoint.mjJNT_FREE:
-        allowed = np.diag(np.diag(matrix))  # world axes for the first three, so alike along all
+        allowed = np.diag(np.diag(matrix))  # the first three are world axes, so they must be equal
         allowed[:3, :3] = np.mean(np.diag(matrix)[:3]) * np.eye(3)
         rest = matrix - allowed
     else:  # slides

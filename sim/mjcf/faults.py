@@ -1,4 +1,4 @@
-"""Faults and notes: what a model cannot have, all of it at once, and what is worth knowing."""
+"""Faults and notes: all that is wrong with a model, and what its author may want to know."""
 
 import re
 import sys
@@ -8,20 +8,19 @@ from contextlib import contextmanager
 from pathlib import Path
 
 PACKAGE = str(Path(__file__).parents[1])
-"""Where the files of this package are."""
+"""The folder of this package."""
 
 NAMES_AND_NUMBERS = re.compile(r"'[^']*'|[-+.\d]+(e[-+]?\d+)?")
-"""What notes of one kind differ in."""
+"""Names and numbers in notes. Notes that differ only in these are of one kind."""
 
 
 class Note(UserWarning):
-    """What a user of a scene would want to know before the first step, and is no fault. A class of
-    its own, so that `warnings` can silence it or make it an error."""
+    """A warning about something that the author of a scene probably did not intend."""
 
 
 class ModelError(ValueError):
-    """A model that cannot float as it is; faults: what is wrong, a line each; notes: what is likely
-    not meant besides, and may tell why."""
+    """A model that cannot float. faults: what is wrong, one line each. notes: what else its author
+    probably did not intend, which may explain the faults."""
 
     def __init__(self, faults: Iterable[str], notes: Iterable[str] = ()) -> None:
         self.faults, self.notes = tuple(faults), tuple(notes)
@@ -31,19 +30,19 @@ class ModelError(ValueError):
         return type(self), (self.faults,)
 
     def located(self, where: str) -> "ModelError":
-        """The same with the place before each fault."""
+        """The same error with a location before each fault."""
         return ModelError(f"{where}: {fault}" for fault in self.faults)
 
 
 class Faults:
-    """Faults as they are found."""
+    """A list of faults that grows as they are found."""
 
     def __init__(self) -> None:
         self.found: list[str] = []
 
     @contextmanager
     def collected(self) -> Iterator[None]:
-        """Go on after a block that raises ValueError, which is kept, each only once."""
+        """A block whose ValueError is added to the list, once, instead of being raised."""
         try:
             yield
         except ValueError as error:
@@ -52,14 +51,14 @@ class Faults:
                     self.found.append(fault)
 
     def refuse(self, notes: Iterable[str] = ()) -> None:
-        """Raise ModelError, with notes, if there are any."""
+        """Raise ModelError if there are faults."""
         if self.found:
             raise ModelError(self.found, notes)
 
 
 def say(notes: Iterable[str]) -> None:
-    """Warn of each as a Note; of those that differ in names and numbers alone, of the first. The
-    warning points at the line outside this package that asked."""
+    """Warn of each note. Of several notes of one kind, only the first is shown, with the number of
+    the others. The warning points at the caller's line outside this package."""
     alike: dict[str, list[str]] = {}
     for note in dict.fromkeys(notes):
         alike.setdefault(NAMES_AND_NUMBERS.sub("", note), []).append(note)
@@ -69,7 +68,7 @@ def say(notes: Iterable[str]) -> None:
 
 
 def _distance_of_caller() -> int:
-    """The `stacklevel` of the first frame outside this package, for the function that asks."""
+    """The `stacklevel` of the first frame outside this package, as seen by the caller."""
     frame, distance = sys._getframe(1), 1
     while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
         frame, distance = frame.f_back, distance + 1

@@ -1,18 +1,18 @@
-"""Files: what an MJCF file is compiled from."""
+"""Files: the files that an MJCF file is compiled from."""
 
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
-from sim.mjcf.custom_fields import COMPONENTS, RECORD
+from sim.mjcf.fields import COMPONENTS, RECORD
 
 FOLDERS = ("meshdir", "texturedir", "assetdir")
-"""Attributes of <compiler> that say where files are looked for."""
+"""Attributes of <compiler> that name the folders of files."""
 
 
 def model_files(path: Path) -> list[Path]:
-    """An MJCF file and all files that it names and that are there: includes, theirs too, meshes,
-    height fields, textures, seas. Of a file that is no XML, itself."""
+    """An MJCF file and all existing files that it names: includes (and what they name), meshes,
+    height fields, textures, seas. A file that is not XML names no others."""
     found: list[Path] = [path]
     folders, names, waiting = [path.parent], [], [path]
     while waiting:

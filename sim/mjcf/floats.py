@@ -1,4 +1,4 @@
-"""Floats: which geoms of a model float, and what they are called."""
+"""Floats: which geoms of a model float, and their names."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,19 +8,20 @@ import mujoco
 import numpy as np
 
 from sim.methods import Method
-from sim.mjcf.custom_fields import BUOYANT, elements_of, refuse_unknown
+from sim.mjcf.elements import elements_of
 from sim.mjcf.faults import Faults
+from sim.mjcf.fields import BUOYANT, refuse_unknown
 from sim.resistance.drag import Drag
 
 
 @dataclass(frozen=True)
 class FloatingGeom:
-    """A geom that the water pushes: its name and id, its body's id, the method that knows its
-    wrench, and its drag and added mass, if the model asks for them; the hull of both is given in
-    the geom's frame (geom_xpos, geom_xmat).
+    """A geom that floats.
 
-    displaced: the volume that it displaces, over that of its hull; united: ids of the geoms whose
-    hulls are one with it, itself included, where there are several.
+    name, geom: its name and id. body: the id of its body. method: computes its wrench. drag: its
+    resistance, if the model asks for any. The hull of both is in the geom's frame (geom_xpos,
+    geom_xmat). displaced: the volume that it displaces, over its hull's volume. united: ids of all
+    geoms that its hull is made from, if there are several.
     """
 
     name: str
@@ -33,32 +34,32 @@ class FloatingGeom:
 
     @property
     def geoms(self) -> tuple[int, ...]:
-        """All geoms that it stands for."""
+        """All geoms that the hull is made from."""
         return self.united or (self.geom,)
 
 
 class Listed(NamedTuple):
-    """A geom that is to float, and what a setting may call it: its own name, then its body's and
-    those above."""
+    """A geom in the tuple `buoyant`, and the names by which fields may mean it: its own, then the
+    names of its body and of the bodies above."""
 
     geom: int
     names: tuple[str, ...]
 
 
 def body_label(model: mujoco.MjModel, body: int) -> str:
-    """A body's name; 'body <id>' for one without."""
+    """A body's name, or 'body <id>'."""
     return model.body(body).name or f"body {body}"
 
 
 def geom_label(model: mujoco.MjModel, geom: int) -> str:
-    """A geom's name; '<body>/geom <n>' for one without, the first of a body 0."""
+    """A geom's name, or '<body>/geom <n>', counted from 0 in its body."""
     body = int(model.geom_bodyid[geom])
     own = geom - int(model.body_geomadr[body])
     return model.geom(geom).name or f"{body_label(model, body)}/geom {own}"
 
 
 def listed_geoms(model: mujoco.MjModel, prefix: str, faults: Faults) -> list[Listed]:
-    """The geoms that the tuple behind a prefix names, each on a body that can move."""
+    """The geoms of the tuple with a prefix, each on a body that can move."""
     tuples = {name: i for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_TUPLE, prefix)}
     for name in tuples:
         if name != BUOYANT:
@@ -80,7 +81,7 @@ def listed_geoms(model: mujoco.MjModel, prefix: str, faults: Faults) -> list[Lis
 
 
 def _geoms_of(model: mujoco.MjModel, kind: int, target: int) -> list[int]:
-    """The geoms that an element of the tuple stands for. Raises ValueError."""
+    """The geoms of one element of the tuple. Raises ValueError."""
     if kind == mujoco.mjtObj.mjOBJ_GEOM:
         return [target]
     if kind != mujoco.mjtObj.mjOBJ_BODY:
@@ -91,14 +92,14 @@ def _geoms_of(model: mujoco.MjModel, kind: int, target: int) -> list[int]:
     below = [g for g in range(model.ngeom) if _is_below(model, int(model.geom_bodyid[g]), target)]
     if not below:
         raise ValueError(
-            f"tuple 'buoyant' lists body '{body_label(model, target)}', which has no geom, nor has "
-            "any body on it; list one that has"
+            f"tuple 'buoyant' lists body '{body_label(model, target)}', which has no geom in its "
+            "subtree; list a body that has one"
         )
     return [g for g in below if collides(model, g)] or below
 
 
 def collides(model: mujoco.MjModel, geom: int) -> bool:
-    """Whether a geom may touch others."""
+    """Whether a geom may collide with others."""
     return bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
 
 
@@ -107,7 +108,7 @@ def _is_below(model: mujoco.MjModel, body: int, ancestor: int) -> bool:
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> Iterator[int]:
-    """A body and those above it, but for the world."""
+    """A body and all bodies above it, without the world."""
     while body > 0:
         yield body
         body = int(model.body_parentid[body])
@@ -123,7 +124,7 @@ def _check_new(model: mujoco.MjModel, geom: int, listed: list[Listed]) -> None:
     if geom in (other.geom for other in listed):
         raise ValueError(
             f"tuple 'buoyant' lists geom '{geom_label(model, geom)}' twice; its buoyancy would "
-            "count twice: keep one"
+            "count twice; keep one"
         )
 
 
@@ -140,9 +141,9 @@ def _check_movable(model: mujoco.MjModel, geom: int) -> None:
 
 
 def first_state(model: mujoco.MjModel, keyframe: str | None = None) -> mujoco.MjData:
-    """A state of a model in a keyframe, by its name, or the first one, if it has one, with the
-    kinematics of that. Raises ValueError for one that there is not, or with a number that is not
-    finite, for which MuJoCo would take others."""
+    """A state of a model, with its kinematics, in the keyframe of a name, or in the first keyframe
+    if there is one. Raises ValueError for an unknown name, and for a keyframe with a number that is
+    not finite, which MuJoCo would silently replace."""
     data = mujoco.MjData(model)
     key = 0 if model.nkey else -1
     if keyframe is not None:
@@ -152,10 +153,10 @@ def first_state(model: mujoco.MjModel, keyframe: str | None = None) -> mujoco.Mj
             raise ValueError(f"there is no keyframe '{keyframe}'; the scene has {known}")
     if key >= 0:
         mujoco.mj_resetDataKeyframe(model, data, key)
-        for what in ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
-            if not np.isfinite(getattr(data, what)).all():
+        for field in ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
+            if not np.isfinite(getattr(data, field)).all():
                 raise ValueError(
-                    f"keyframe '{model.key(key).name}': its {what} has a number that is not "
+                    f"keyframe '{model.key(key).name}': its {field} has a number that is not "
                     "finite; correct it"
                 )
     mujoco.mj_kinematics(model, data)
@@ -163,7 +164,7 @@ def first_state(model: mujoco.MjModel, keyframe: str | None = None) -> mujoco.Mj
 
 
 def moving_dofs(model: mujoco.MjModel, body: int) -> list[int]:
-    """The degrees of freedom that move a body, in ascending order."""
+    """The degrees of freedom that move a body, ascending."""
     while body > 0 and model.body_dofnum[body] == 0:
         body = int(model.body_parentid[body])
     dof, found = int(model.body_dofadr[body] + model.body_dofnum[body]) - 1, []
@@ -174,5 +175,5 @@ def moving_dofs(model: mujoco.MjModel, body: int) -> list[int]:
 
 
 def bodies_above(model: mujoco.MjModel, bodies: np.ndarray) -> set[int]:
-    """Bodies and all above them, but for the world."""
+    """Bodies and all bodies above them, without the world."""
     return {a for b in bodies for a in _ancestors(model, int(b))}

@@ -1,8 +1,7 @@
-"""MJCF: what a compiled model says about water and hulls, and every refusal about a model.
+"""Reading: from a compiled model to its sea and its floats, with everything that is wrong.
 
-A scene is one MJCF file; what concerns the water stands in its `<custom>` element, by the names at
-the top of `custom_fields`. Everything else (mass, inertia, joints, initial keyframe, timestep) is
-MuJoCo's own business.
+A scene is one MJCF file. What concerns the water stands in its `<custom>` element (see `fields`).
+Mass, inertia, joints, keyframes and the timestep are MuJoCo's.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,18 +16,18 @@ from numpy.typing import NDArray
 from sim.hulls.hull import Hull
 from sim.methods import Method, Settings, make_method
 from sim.mjcf.checks import check_physics, check_solver
-from sim.mjcf.custom_fields import (
-    COMPONENTS,
-    METHOD,
-    RECORD,
+from sim.mjcf.drag_fields import DragFields
+from sim.mjcf.elements import (
     check_geoms,
+    custom_names,
+    numbers_of,
     numerics_of,
     of_geom,
-    prefixes,
+    prefixes_of,
     texts_of,
 )
-from sim.mjcf.drag_fields import DragFields
 from sim.mjcf.faults import Faults
+from sim.mjcf.fields import COMPONENTS, METHOD, RECORD, TOLERANCE
 from sim.mjcf.floats import FloatingGeom, Listed, first_state, listed_geoms
 from sim.mjcf.geoms import geom_hull
 from sim.mjcf.notes import notes_about_sizes
@@ -45,21 +44,20 @@ Stamp = tuple[str, int, int] | None
 
 
 class Floating(NamedTuple):
-    """What a model says: the sea, the geoms that float in it, the number of threads that it asks
-    for, whether MuJoCo's pictures show the water, what there is to note about hulls and waves, and
-    the files that were read besides, by their names, as they were then."""
+    """What a model says: the sea, the geoms that float in it, whether MuJoCo's pictures show the
+    water, the notes about hulls and waves, and the stamps of the files that were read, by name."""
 
     sea: Sea
     floats: tuple[FloatingGeom, ...]
-    threads: int
     is_drawn: bool
     notes: tuple[str, ...]
     files: Mapping[str, Stamp]
 
 
 @dataclass(frozen=True)
-class Part:
-    """A model, or one that was attached to it: the prefix of its names, its fields, its geoms."""
+class Section:
+    """The model itself, or one that was attached to it: the prefix of its names, its fields, and
+    its geoms in the tuple."""
 
     prefix: str
     numerics: Numerics
@@ -68,8 +66,7 @@ class Part:
 
 
 def stamp_of(name: str) -> Stamp:
-    """By what a file of a name is known again: where it is, when it was written, and its size; None
-    where there is none."""
+    """Identifies the content of a file: path, time of writing and size. None without a file."""
     path = Path(name).absolute()
     try:
         found = path.stat()
@@ -79,119 +76,115 @@ def stamp_of(name: str) -> Stamp:
 
 
 def read_model(model: mujoco.MjModel) -> Floating:
-    """The sea and the floating geoms of a compiled model.
-
-    Raises ModelError, with all that is wrong, each with the element at fault and the remedy.
-    """
+    """The sea and the floating geoms of a compiled model. Raises ModelError with all faults, each
+    with its element and its remedy."""
     faults, notes = Faults(), []
     check_physics(model, faults)
     with faults.collected():
         first_state(model)
-    parts = list(_parts(model, faults))
+    sections = list(_sections(model, faults))
     files = {
         name: stamp_of(name)
-        for part in parts
-        for name in (part.texts.get(kind) for kind in (COMPONENTS, RECORD))
+        for section in sections
+        for name in (section.texts.get(kind) for kind in (COMPONENTS, RECORD))
         if name is not None
     }
-    sea = sea_of(model, [(p.prefix, p.numerics, p.texts) for p in parts], faults)
-    shapes = [shape for part in parts for shape in _shapes(model, part, faults, notes)]
-    if all(part.numerics.get("buoyancy_union", [1.0])[0] for part in parts):
+    sea = sea_of(
+        model, [(section.prefix, section.numerics, section.texts) for section in sections], faults
+    )
+    shapes = [shape for section in sections for shape in _shapes(model, section, faults, notes)]
+    if all(numbers_of("buoyancy_union", section.numerics)[0] for section in sections):
         shapes, counted = united_shapes(model, shapes)
         notes += counted
     floats = []
     if sea is not None:
-        settings = {part.prefix: _read_settings(part.numerics) for part in parts}
-        floats = list(_floats(model, sea, shapes, settings, faults))
+        floats = list(_floats(model, sea, shapes, faults))
         if any(f.drag for f in floats):
             with faults.collected():
                 check_solver(model)
         notes += notes_about_sizes(sea, [(shape.name, shape.hull) for shape in shapes])
         notes += [f"geom '{f.name}': {note}" for f in floats for note in f.method.notes]
     faults.refuse(notes)
-    threads = next(
-        (p.numerics["buoyancy_threads"] for p in parts if "buoyancy_threads" in p.numerics), [1.0]
-    )
-    is_drawn = all(part.numerics.get("water_drawn", [1.0])[0] for part in parts)
-    return Floating(sea, tuple(floats), int(threads[0]), is_drawn, tuple(notes), files)
+    is_drawn = all(numbers_of("water_drawn", section.numerics)[0] for section in sections)
+    return Floating(sea, tuple(floats), is_drawn, tuple(notes), files)
 
 
-def _parts(model: mujoco.MjModel, faults: Faults) -> Iterator[Part]:
-    """The model itself, and what was attached to it with a tuple of its own."""
-    parts = []
-    for prefix in prefixes(model):
+def _sections(model: mujoco.MjModel, faults: Faults) -> Iterator[Section]:
+    """The sections of a model."""
+    sections = []
+    for prefix in prefixes_of(custom_names(model, mujoco.mjtObj.mjOBJ_TUPLE)):
         numerics, texts = numerics_of(model, prefix, faults), texts_of(model, prefix, faults)
-        part = Part(prefix, numerics, texts, listed_geoms(model, prefix, faults))
-        if part.listed or prefix or numerics or texts:
-            parts.append(part)
-    if not any(part.listed for part in parts) and not faults.found:
+        section = Section(prefix, numerics, texts, listed_geoms(model, prefix, faults))
+        if section.listed or prefix or numerics or texts:
+            sections.append(section)
+    if not any(section.listed for section in sections) and not faults.found:
         with faults.collected():
             raise ValueError(
                 "nothing floats: there is no custom tuple 'buoyant'; add <tuple name=\"buoyant\">"
                 '<element objtype="geom" objname="..."/></tuple> to <custom>'
             )
-    yield from parts
+    yield from sections
 
 
-def _shapes(model: mujoco.MjModel, part: Part, faults: Faults, notes: list[str]) -> Iterator[Shape]:
-    """The hulls of a part's geoms with what its fields say of them."""
-    names = [listed.names for listed in part.listed]
+def _shapes(
+    model: mujoco.MjModel, section: Section, faults: Faults, notes: list[str]
+) -> Iterator[Shape]:
+    """The hulls of a section's geoms, with what its fields say about them."""
+    names = [listed.names for listed in section.listed]
     if names:
-        check_geoms("text", part.texts, names, faults)
-        check_geoms("numeric", part.numerics, names, faults)
+        check_geoms("text", section.texts, names, faults)
+        check_geoms("numeric", section.numerics, names, faults)
     made: dict[tuple[object, ...], Hull] = {}
-    for geom, own in part.listed:
+    for geom, own in section.listed:
         with faults.collected():
             like = int(model.geom_type[geom]), int(model.geom_dataid[geom]), *model.geom_size[geom]
             if like not in made:
                 made[like], found = geom_hull(model, geom)
                 notes += found
             hull = made[like]
-            source, text = _method_of(own, part.texts)
-            drag = DragFields.of(own, part.numerics)
+            source, text = _method_of(own, section.texts)
+            drag = DragFields.of(own, section.numerics)
             yield Shape(
                 (geom,),
                 own[0],
                 hull,
                 source,
                 text,
+                _settings_of(own, section.numerics),
                 drag,
-                _displaced(own, part.numerics),
-                part.prefix,
+                *numbers_of("displaced", section.numerics, own),
             )
 
 
 def _method_of(names: Sequence[str], texts: Mapping[str, str]) -> tuple[str, str]:
-    """Who says which method a geom has, and what: the geom's own text, else the scene's, else the
-    default."""
+    """The element that names a geom's method, and the method's name."""
     name = of_geom(METHOD, names, texts)
     if name in texts:
         return f"custom text '{name}'", texts[name]
     return "the default method", DEFAULT_METHOD
 
 
-def _displaced(names: Sequence[str], numerics: Numerics) -> float:
-    """The volume that a geom displaces, over that of its hull."""
-    return float(numerics.get(of_geom("displaced", names, numerics), [1.0])[0])
-
-
-def _read_settings(numerics: Numerics) -> Settings:
-    tolerance = numerics.get("buoyancy_tolerance", [None])[0]
-    samples = int(numerics.get("chord_samples", [Settings.chord_samples])[0])
-    return Settings(None if tolerance is None else float(tolerance), samples)
+def _settings_of(names: Sequence[str], numerics: Numerics) -> Settings:
+    """The settings of a geom's method."""
+    tolerance = numerics.get(of_geom(TOLERANCE, names, numerics))
+    (samples,) = numbers_of("chord_samples", numerics)
+    (reference_tolerance,) = numbers_of("reference_tolerance", numerics)
+    return Settings(
+        None if tolerance is None else float(tolerance[0]), int(samples), reference_tolerance
+    )
 
 
 def _floats(
     model: mujoco.MjModel,
     sea: Sea,
     shapes: Sequence[Shape],
-    settings: dict[str, Settings],
     faults: Faults,
 ) -> Iterator[FloatingGeom]:
-    """The shapes with their methods and drag. Equal hulls share a method, which has no state."""
+    """The shapes with their methods and drag. Equal hulls share one method, because methods have no
+    state."""
     known: dict[tuple[object, ...], Method] = {}
     seas = {1.0: sea}
-    for shape in shapes:  # a denser water pushes as a larger volume does
+    for shape in shapes:  # denser water has the effect of a larger volume
         if shape.displaced not in seas:
             seas[shape.displaced] = replace(sea, density=shape.displaced * sea.density)
     for shape, afloat in zip(shapes, _shares_afloat(model, shapes, sea), strict=True):
@@ -199,28 +192,28 @@ def _floats(
             hull, geom = shape.hull, shape.geoms[0]
             same = (
                 shape.method,
+                shape.settings,
                 shape.displaced,
-                shape.prefix,
                 hull.vertices.tobytes(),
                 hull.faces.tobytes(),
             )
             if same not in known:
-                known[same] = _made(shape, seas[shape.displaced], settings[shape.prefix])
+                known[same] = _made(shape, seas[shape.displaced])
             drag = shape.drag.made(model, geom, hull, sea, afloat)
             body = int(model.geom_bodyid[geom])
             united = shape.geoms if len(shape.geoms) > 1 else ()
             yield FloatingGeom(shape.name, geom, body, known[same], drag, shape.displaced, united)
 
 
-def _made(shape: Shape, sea: Sea, settings: Settings) -> Method:
+def _made(shape: Shape, sea: Sea) -> Method:
     try:
-        return make_method(shape.method, shape.hull, sea, settings)
+        return make_method(shape.method, shape.hull, sea, shape.settings)
     except ValueError as error:
         raise ValueError(f"{shape.source}: {error}") from None
 
 
 def _shares_afloat(model: mujoco.MjModel, shapes: Sequence[Shape], sea: Sea) -> list[float]:
-    """How much of each hull is submerged when its tree is afloat at rest: 1 if it sinks."""
+    """The submerged share of each hull when its tree floats at rest; 1 if the tree sinks."""
     roots = [int(model.body_rootid[model.geom_bodyid[shape.geoms[0]]]) for shape in shapes]
     displaced = dict.fromkeys(roots, 0.0)
     for root, shape in zip(roots, shapes, strict=True):

@@ -1,4 +1,4 @@
-"""Sea fields: the water that a model's custom fields describe."""
+"""Sea fields: from a model's custom fields to the sea that they describe, and back."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.mjcf.custom_fields import COMPONENTS, PRESSURE, RECORD
+from sim.mjcf.elements import numbers_of
 from sim.mjcf.faults import Faults
-from sim.mjcf.numbers import NUMERICS, WAVE, NumericKind
+from sim.mjcf.fields import COMPONENTS, NUMERICS, PRESSURE, RECORD, WATER_PREFIXES, numeric_base
 from sim.water.records import read_components, read_record
 from sim.water.sea import DEFAULT_PRESSURE, Sea
 from sim.water.spectrum import bretschneider, jonswap, ochi_hubble, pierson_moskowitz
@@ -24,46 +24,41 @@ SPECTRA = {
     "sea_pierson_moskowitz": pierson_moskowitz,
     "sea_ochi_hubble": ochi_hubble,
 }
-"""Custom numerics of irregular seas: their first numbers are those of a spectrum, the last
-CUTTING those by which it is cut into waves."""
+"""The spectrum of each irregular sea. The last WAVE_NUMBERS numbers of the field say how it is cut
+into waves; the others are arguments of the spectrum."""
 
-CUTTING = 4
-
-SEA_WATER_DENSITY = 1025.0  # kg/m^3, at 15 degrees C and 35 g/kg of salt
-
-WATERS = ("water", "wave_", "sea_")
-"""How the elements begin that describe the water."""
+WAVE_NUMBERS = 4
 
 
 def sea_of(
     model: mujoco.MjModel,
-    parts: Sequence[tuple[str, Numerics, Texts]],
+    sections: Sequence[tuple[str, Numerics, Texts]],
     faults: Faults,
 ) -> Sea | None:
-    """The sea of a model of several parts, each with its prefix: the one that all of those have
-    which say anything about the water; None where there is a fault."""
+    """The one sea of all sections of a model that say anything about the water. sections: prefix,
+    numerics and texts of each. None if there is a fault."""
     found: dict[str, Sea] = {}
-    for prefix, numerics, texts in parts:
-        says = any(name.startswith(WATERS) for name in (*numerics, *texts))
-        if says or len(parts) == 1:
+    for prefix, numerics, texts in sections:
+        says = any(name.startswith(WATER_PREFIXES) for name in (*numerics, *texts))
+        if says or len(sections) == 1:
             with faults.collected():
                 found[prefix] = _read_sea(model, numerics, texts, faults)
     if not found and not faults.found:
-        return Sea((), SEA_WATER_DENSITY, -float(model.opt.gravity[2]))
+        return _read_sea(model, {}, {}, faults)
     seas = list(found.items())
     for prefix, sea in seas[1:]:
         if sea != seas[0][1]:
             with faults.collected():
                 raise ValueError(
-                    f"two different seas: that of {_whose(seas[0][0])} and that of "
-                    f"{_whose(prefix)}; give both the same custom water, wave and sea elements, "
-                    "or take those of one away"
+                    f"two different seas: of {_owner(seas[0][0])} and of "
+                    f"{_owner(prefix)}; give both the same custom water, wave and sea elements, "
+                    "or remove them from one"
                 )
     return seas[0][1] if seas else None
 
 
-def _whose(prefix: str) -> str:
-    return f"what was attached as '{prefix}'" if prefix else "the model itself"
+def _owner(prefix: str) -> str:
+    return f"the model attached as '{prefix}'" if prefix else "the model itself"
 
 
 def _read_sea(
@@ -72,38 +67,38 @@ def _read_sea(
     texts: Texts,
     faults: Faults,
 ) -> Sea:
-    gravity = abs(float(model.opt.gravity[2])) or 9.81  # else a fault of its own
+    gravity = abs(float(model.opt.gravity[2])) or 9.81  # other gravity is a fault
     waves: list[Wave] = []
     for name, values in numerics.items():
         with faults.collected():
             try:
                 if name in SPECTRA:
-                    waves += _irregular(name, _in_radians(NUMERICS[name], values), gravity)
+                    waves += _irregular(name, _in_radians(name, values), gravity)
                 elif name.startswith("wave_"):
-                    waves.append(Wave(*_in_radians(WAVE, values)))
+                    waves.append(Wave(*_in_radians(name, values)))
             except ValueError as error:
                 raise ValueError(f"custom numeric '{name}': {error}") from None
     with faults.collected():
         waves += _from_files(numerics, texts, gravity)
-    density = float(numerics.get("water_density", [SEA_WATER_DENSITY])[0])
-    levels = numerics.get("water_level", [0.0])
-    level, tide = (float(levels[0]), ()) if len(levels) == 1 else (0.0, np.reshape(levels, (-1, 2)))
-    current = numerics.get("water_current", (0.0, 0.0))
-    ramp = float(numerics.get("water_ramp", [0.0])[0])
+    (density,) = numbers_of("water_density", numerics)
+    levels = numbers_of("water_level", numerics)
+    level, tide = (levels[0], ()) if len(levels) == 1 else (0.0, np.reshape(levels, (-1, 2)))
+    current = numbers_of("water_current", numerics)
+    (ramp,) = numbers_of("water_ramp", numerics)
     pressure = texts.get(PRESSURE, DEFAULT_PRESSURE)
     return Sea(waves, density, gravity, level, pressure, current, ramp, tide)
 
 
 def _irregular(name: str, numbers: list[float], gravity: float) -> tuple[Wave, ...]:
-    """Waves of a spectrum that a custom numeric has the numbers of."""
-    own, cutting = numbers[:-CUTTING], numbers[-CUTTING:]
-    if name == "sea_pierson_moskowitz":  # whose period follows from it
+    """The waves of an irregular sea."""
+    own, cut = numbers[:-WAVE_NUMBERS], numbers[-WAVE_NUMBERS:]
+    if name == "sea_pierson_moskowitz":  # its period follows from gravity
         own = [*own, gravity]
-    return SPECTRA[name](*own).waves(*cutting, gravity)
+    return SPECTRA[name](*own).waves(*cut, gravity)
 
 
 def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
-    """Waves of the files that texts name."""
+    """The waves in the files that texts name."""
     waves: list[Wave] = []
     name = ""
     try:
@@ -116,7 +111,7 @@ def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
             if name == COMPONENTS and name in texts:
                 waves += read_components(Path(texts[name]), gravity)
             elif name in texts:
-                numbers = _in_radians(NUMERICS[RECORD], numerics.get(RECORD, [0.0]))
+                numbers = _in_radians(RECORD, numerics.get(RECORD, ()))
                 heading, shortest, longest, *place = numbers
                 path = Path(texts[name])
                 waves += read_record(path, gravity, heading, (shortest, longest), tuple(place))
@@ -127,9 +122,26 @@ def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
     return waves
 
 
-def _in_radians(kind: NumericKind, values: NDArray[np.float64]) -> list[float]:
-    """All the numbers of a custom numeric, those in degrees in radians."""
+def _in_radians(name: str, values: Sequence[float]) -> list[float]:
+    """All numbers of a numeric, with angles in radians instead of degrees."""
+    field = NUMERICS[numeric_base(name)]
     return [
         float(np.radians(value)) if number.unit == "deg" else value
-        for number, value in zip(kind.numbers, kind.filled(values), strict=True)
+        for number, value in zip(field.numbers, field.filled(values), strict=True)
     ]
+
+
+def fields_of(sea: Sea) -> dict[str, Sequence[float] | str]:
+    """The fields, by name, that describe a sea: a model with them has the same sea, to the
+    round-off of angles in degrees."""
+    degrees = [(np.degrees(wave.heading), np.degrees(wave.phase)) for wave in sea.waves]
+    return {
+        "water_density": [sea.density],
+        "water_level": np.ravel(sea.tide) if sea.tide else [sea.level],
+        "water_current": sea.current,
+        "water_ramp": [sea.ramp],
+        PRESSURE: sea.pressure,
+    } | {
+        f"wave_{i}": (wave.amplitude, wave.wavelength, *angles)
+        for i, (wave, angles) in enumerate(zip(sea.waves, degrees, strict=True))
+    }

@@ -7,7 +7,6 @@ import ctypes
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from pathlib import Path
 from threading import RLock
 
 import mujoco
@@ -27,6 +26,7 @@ from sim.plugin.layout import (
     option_spans,
     picture_offsets,
 )
+from sim.plugin.memory import WORD, floats_at, function_address, mujoco_library, word_at
 from sim.resistance.drag import SURFACE
 from sim.resistance.reaction import HULL, hull_row
 
@@ -35,23 +35,9 @@ Table = NDArray[np.void]
 
 CLOCK_MONOTONIC = getattr(time, "CLOCK_MONOTONIC", 0)
 
-WORD = ctypes.c_int64
-
 UNUSED = 16
 """Contexts that are kept although no state uses them: a model is compiled before its first state is
 made, and other models may be compiled in between."""
-
-
-@cache
-def mujoco_library() -> ctypes.CDLL:
-    """MuJoCo's library, whose functions kernels call by their addresses."""
-    return ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco.*"))))
-
-
-def function_address(library: ctypes.CDLL, name: str) -> int:
-    """Where a library's function is; 0 where there is none."""
-    found = getattr(library, name, None)
-    return ctypes.cast(found, ctypes.c_void_p).value if found else 0
 
 
 class Context:
@@ -74,7 +60,7 @@ class Context:
         )
         drags = [f.drag for f in floats]
         self.has_resistance = any(drags)
-        self.batches = batches_of(floats, what.threads)
+        self.batches = batches_of(floats, 1)
         surfaces = [drag.surface for drag in drags if drag] or [np.zeros(1, SURFACE)]
         self._parts, self._push = self._method_of_pushing()
         self._block = packed(
@@ -93,10 +79,10 @@ class Context:
 
         @ctypes.CFUNCTYPE(None, WORD, WORD, WORD, WORD)
         def push(context: int, model: int, data: int, wrenches: int) -> None:
-            found = _array_at(wrenches, (len(self.floats), 6))
+            found = floats_at(wrenches, (len(self.floats), 6))
             found[:] = np.nan  # what stays where a method raises
             places, rotations = (
-                _array_at(_word_at(data + offsets()[name]), (self._geoms, size))
+                floats_at(word_at(data + offsets()[name]), (self._geoms, size))
                 for name, size in (("geom_xpos", 3), ("geom_xmat", 9))
             )
             now = ctypes.c_double.from_address(data + offsets()["time"]).value
@@ -144,7 +130,7 @@ class Context:
 
     def adopt(self, home: int, content: int) -> None:
         """The same with a home of another context."""
-        native.count_at.call(_word_at(home), -1)
+        native.count_at.call(word_at(home), -1)
         self.join(home, content)
 
     def push(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
@@ -230,15 +216,6 @@ class Contexts:
             for old in unused[:-UNUSED]:
                 del self._found[old]
         return context, content
-
-
-def _array_at(address: int, shape: tuple[int, ...]) -> Array:
-    count = int(np.prod(shape))
-    return np.frombuffer((ctypes.c_double * count).from_address(address)).reshape(shape)
-
-
-def _word_at(address: int) -> int:
-    return WORD.from_address(address).value
 
 
 def _float_tables(

@@ -1,9 +1,9 @@
-"""Homes: what the plugin keeps of each MjData, and how a call finds it.
+"""Homes: what the plugin keeps for each MjData, and how a call finds it.
 
-MuJoCo has one word for it, `plugin_data`, and its pickles carry that word along to another MjData
-or another process. So the word is no address but a number, by which a home is found in slabs that
-are never given back, and a home says whose it is. What a pickle has brought is noticed without
-looking where nothing is, and put right.
+MuJoCo keeps one word for the plugin in each MjData, `plugin_data`. A pickle of an MjData carries
+that word into another MjData, or another process. So the word is not an address but a number, which
+finds a home in slabs that are never freed. A home knows the MjData that it belongs to, so a number
+that a pickle has brought along is detected and corrected.
 """
 
 import ctypes
@@ -11,22 +11,26 @@ import ctypes
 import numpy as np
 
 from sim.plugin import native
-from sim.plugin.context import WORD, Context, mujoco_library
+from sim.plugin.context import Context
+from sim.plugin.memory import WORD, mujoco_library, word_at
 
 
 class Homes:
-    """The homes of the process. Whoever calls holds the lock of the contexts."""
+    """The homes of this process. The caller holds the lock of the contexts."""
 
     def __init__(self) -> None:
         self.directory = np.zeros(native.MOST_SLABS, dtype=np.int64)
         self._slabs: list[np.ndarray] = []
         self._free: list[int] = []
-        self._numbers: dict[int, int] = {}  # by MjData
-        self._datas: dict[int, int] = {}  # by the plugin's states
+        self._numbers: dict[int, int] = {}  # by the address of the MjData
+        self._datas: dict[int, int] = {}  # by the address of the plugin's states
 
     def add(self, data: int, states: int, context: Context, content: int, memories: int) -> int:
-        """Make a home for the MjData at an address, whose plugin has its states at another; returns
-        its number. content: that of the model; memories: the number of bodies that can move."""
+        """Make a home for the MjData at an address. Returns its number.
+
+        states: the address of the plugin's states in that MjData. content: the number of the
+        model's content. memories: the number of bodies that can move.
+        """
         self._end_lost(data)
         if not self._free:
             self._make_room()
@@ -47,23 +51,23 @@ class Homes:
         return number
 
     def home(self, data: int, number: int) -> int:
-        """The address of the home of a number, if it is that of the MjData at an address; else
-        0."""
+        """The address of the home with a number; 0 unless it belongs to the MjData at `data`."""
         slab, place = divmod(number - 1, native.SLAB)
         home = int(self._slabs[slab][place]) if 0 <= slab < len(self._slabs) else 0
-        return home if home and WORD.from_address(home + 8 * native.DATA).value == data else 0
+        return home if home and word_at(home + 8 * native.DATA) == data else 0
 
     def recover(self, data: int) -> int:
-        """The number of the home of the MjData at an address, 0 if it has none."""
+        """The number of the home of the MjData at an address; 0 without a home."""
         number = self._numbers.get(data, 0)
         return number if self.home(data, number) else 0
 
     def data_of(self, states: int) -> int:
-        """The MjData whose plugin has its states at an address, 0 if there is none."""
+        """The MjData whose plugin has its states at an address; 0 if there is none."""
         return self._datas.get(states, 0)
 
     def _end_lost(self, data: int) -> None:
-        """An MjData that was pickled into and never used has ended without its home."""
+        """End the home that an earlier MjData at the same address has left, because a pickle
+        overwrote its word."""
         home = self.home(data, self._numbers.get(data, 0))
         if home:
             native.end_at.call(home, self._place(self._numbers[data]))
@@ -73,7 +77,7 @@ class Homes:
         return self._slabs[slab].ctypes.data + 8 * place
 
     def _make_room(self) -> None:
-        """Find the numbers of homes that have ended, and make a new slab if these are few."""
+        """Collect the numbers of homes that have ended, and add a slab if they are few."""
         for i, slab in enumerate(self._slabs):
             self._free += (i * native.SLAB + 1 + np.flatnonzero(slab == 0)).tolist()
         if len(self._free) < native.SLAB // 2:

@@ -5,9 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.geometry import rotation_matrix
 from sim.runs.simulation import Sample
-from sim.scenes.hydrostatics import heel_and_trim, hydrostatics
+from sim.scenes.hydrostatics import hydrostatics
 from sim.scenes.scene import Scene
+from sim.statics.report import heel_and_trim
 
 Array = NDArray[np.float64]
 
@@ -31,14 +33,13 @@ class Motions:
         names = scene.buoyancy.body_names
         self._rest = scene.data.xpos[scene.buoyancy.bodies, 2] - self._sea.level
         for name, found in hydrostatics(scene, with_gz=False).items():
-            if name in names and found.height_m is not None:
-                self._rest[names.index(name)] = found.height_m - self._sea.level
+            if name in names and found.rest is not None:
+                self._rest[names.index(name)] = found.rest.height_m - self._sea.level
 
     def of(self, sample: Sample) -> Motion:
         """The motion at a sample of the scene."""
         level = float(self._sea.level_at(sample.time))
-        w, x, y, z = sample.quaternions.T
-        up = np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
-        heel, trim = np.degrees(heel_and_trim(up.T))
+        up = rotation_matrix(sample.quaternions)[:, 2]
+        heel, trim = np.degrees(heel_and_trim(up))
         heave = sample.positions[:, 2] - self._rest - level
         return Motion(heave, heel, trim, sample.elevations - level)

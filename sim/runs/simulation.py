@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.runs.divergence import DivergenceError, remedy
-from sim.runs.watch import Watch
+from sim.runs.divergence import DivergenceError, Watch
 from sim.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -24,9 +23,6 @@ WARNINGS_OF_DIVERGENCE = {
 
 MOST_STEPS = 1e9
 """Steps of a run: some hours at a few microseconds each."""
-
-RESUMABLE = mujoco.mjtState.mjSTATE_INTEGRATION
-"""What of a state its further course depends on."""
 
 
 @dataclass(frozen=True)
@@ -58,20 +54,17 @@ class Sample:
     buoyancy_seconds: float
 
 
-def simulate(
-    scene: Scene, duration: float, rate: float = 30.0, watch: bool = True
-) -> Iterator[Sample]:
+def simulate(scene: Scene, duration: float, rate: float = 30.0) -> Iterator[Sample]:
     """Step `scene` for `duration` [s of simulated time] and yield a Sample `rate` times a second
     [Hz], the first of them before the first step; where the rate does not divide into
     timesteps, at the first step at or after each instant.
 
-    Raises DivergenceError, and ValueError for a duration or rate that cannot be.
-
-    watch: whether to stop a scene whose energy neither gravity, waves, springs, actuators nor
-    forces that you apply explain; where a passive callback of yours acts, it looks away by itself.
+    Raises DivergenceError where numbers are not finite or huge, and where the timestep is too long
+    for a body (a Note at load says so) and its energy cannot be explained; `mujoco.mj_step` and
+    `observe` go on regardless. Raises ValueError for a duration or rate that cannot be.
     """
     check_run(scene, duration, rate)
-    return _samples(scene, duration, rate, watch)
+    return _samples(scene, duration, rate)
 
 
 def check_run(scene: Scene, duration: float, rate: float) -> None:
@@ -94,7 +87,7 @@ def check_run(scene: Scene, duration: float, rate: float) -> None:
         )
 
 
-def _samples(scene: Scene, duration: float, rate: float, watched: bool) -> Iterator[Sample]:
+def _samples(scene: Scene, duration: float, rate: float) -> Iterator[Sample]:
     timestep = scene.model.opt.timestep
     last_step = max(1, round(duration / timestep))
     spent_before = scene.buoyancy.seconds(scene.data)
@@ -105,57 +98,34 @@ def _samples(scene: Scene, duration: float, rate: float, watched: bool) -> Itera
         frame = np.floor(step * timestep * rate + 1e-9) + 1.0
         due = int(np.ceil(frame / (rate * timestep) - 1e-9))
         due = min(max(due, step + 1), last_step)
-        if watched:
-            watch.begin()
-        step_seconds += _advance(scene, due - step, watch, watched)
-        if watched:
-            watch.check()
+        before = watch.heads()
+        step_seconds += _advance(watch, due - step)
+        watch.check(before)
         step = due
         buoyancy_seconds = scene.buoyancy.seconds(scene.data) - spent_before
         yield observe(scene, step, step_seconds, buoyancy_seconds)
 
 
-def _advance(scene: Scene, steps: int, watch: Watch, watched: bool) -> float:
-    """So many steps in one call, and the seconds that they took. Where MuJoCo had to reset the
-    state they are taken again one by one, which raises DivergenceError in time, or shows a contact
-    that came and went in between."""
-    model, data = scene.model, scene.data
-    before, counts = np.empty(mujoco.mj_stateSize(model, RESUMABLE)), data.warning.number
-    counts_before = counts.copy()
-    mujoco.mj_getState(model, data, before, RESUMABLE)
-    if not np.isfinite(data.time):
-        name = scene.buoyancy.body_names[0]
-        raise DivergenceError(name, data.time, "time is not finite", "set data.time to a number")
+def _advance(watch: Watch, steps: int) -> float:
+    """So many steps in one call, and the seconds that they took. Raises DivergenceError where
+    MuJoCo warns of a state."""
+    model, data = watch.scene.model, watch.scene.data
+    start = data.time
+    if not np.isfinite(start):
+        name = watch.scene.buoyancy.body_names[0]
+        raise DivergenceError(name, start, "time is not finite", "set data.time to a number")
+    data.warning.number[list(WARNINGS_OF_DIVERGENCE)] = 0
     started = perf_counter()
     mujoco.mj_step(model, data, steps)
     spent = perf_counter() - started
-    if np.array_equal(counts, counts_before) and (not watched or watch.is_explained()):
-        return spent
-    counts[:] = counts_before
-    mujoco.mj_setState(model, data, before, RESUMABLE)
-    for _ in range(steps):
-        _step(scene, watch.start)
-        watch.touched()
-    return spent
-
-
-def _step(scene: Scene, start: Array) -> None:
-    """One mj_step of a run that started at the positions `start`; raises DivergenceError where
-    MuJoCo would reset the state."""
-    model, data = scene.model, scene.data
-    time = data.time
-    counts = data.warning.number
-    before = counts.tobytes()
-    mujoco.mj_step(model, data)
-    if counts.tobytes() == before:
-        return
-    earlier = np.frombuffer(before, counts.dtype)
     for warning, what in WARNINGS_OF_DIVERGENCE.items():
-        if counts[warning] != earlier[warning]:
+        if data.warning[warning].number:
             body = _body_of(model, warning, int(data.warning[warning].lastinfo))
-            name = model.body(body).name or f"body {body}"
-            what = f"{what} is not finite or huge"
-            raise DivergenceError(name, time, what, remedy(scene, start, body))
+            is_reset = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
+            since = data.time if is_reset else 0.0  # MuJoCo resets the time with the state
+            time = start + steps * model.opt.timestep - since
+            raise watch.divergence(body, time, f"{what} is not finite or huge")
+    return spent
 
 
 def _body_of(model: mujoco.MjModel, warning: int, index: int) -> int:

@@ -33,15 +33,16 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Plan:
-    """What all runs of a sweep have in common: the scene's file, simulated seconds, those at the
-    start that the statistics leave out, samples a second, and a method that overrules the
-    scene's."""
+    """What all runs of a sweep have in common.
+
+    scene: the file. duration, warm_up [s]: simulated time, and its part that the statistics leave
+    out. rate [Hz]: samples a second.
+    """
 
     scene: Path
     duration: float
     warm_up: float
     rate: float
-    method: str | None = None
 
     def as_row(self) -> Row:
         """What tells it from others, the content of the scene's files among it."""
@@ -127,9 +128,7 @@ def statistics_of(columns: Mapping[str, Any], bodies: Sequence[str]) -> Row:
 @lru_cache(maxsize=4)
 def _scene(plan: Plan, settings: tuple[tuple[str, str], ...]) -> Scene:
     """The scene of some settings: runs that differ in their starts share it."""
-    return Scene.load(
-        plan.scene, plan.method, settings=[f"{name}={value}" for name, value in settings]
-    )
+    return Scene.load(plan.scene, settings=[f"{name}={value}" for name, value in settings])
 
 
 def check_plan(plan: Plan, run: Run) -> None:

@@ -1,6 +1,6 @@
-"""Buoyancy: what Python may ask about the water of a model.
+"""Buoyancy: the water of a model, as Python sees it.
 
-The water itself acts without it: MuJoCo calls the plugin (see `seam`) in every step.
+The water acts without this class: MuJoCo calls the plugin (see `plugin.seam`) in every step.
 """
 
 from dataclasses import replace
@@ -20,21 +20,24 @@ from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
-FINE = 2000
-"""Faces of a hull from which on the linear method is right enough about its volume."""
+FINE_FACES = 2000
+"""Number of faces above which the linear method computes the submerged volume of a hull. Below it
+patches do, because their error does not depend on the faces."""
 
 
 class Buoyancy:
-    """The water of one model, as it was when this was made.
+    """The water of one model, as it was when this object was made.
 
         buoyancy = Buoyancy.of(model)
         buoyancy.sea.elevation(0.0, 0.0, data.time)
         buoyancy.wrenches(data)
 
-    sea: what the hulls float in; floats: the hulls; bodies: (B,) ids of their bodies, each once;
-    float_bodies: (H,) for each hull its place in `bodies`; has_resistance: whether any hull has
-    drag or added mass. What it computes, it computes anew from the kinematics as they stand in a
-    state: `mj_step` leaves these one step behind, `mj_kinematics` updates them.
+    sea: the sea. floats: the H hulls. bodies: (B,) ids of the bodies that they belong to, each
+    once. float_bodies: (H,) index of each hull's body in `bodies`. has_resistance: whether any hull
+    has drag or added mass.
+
+    Every method computes from the kinematics in the given state. `mj_step` leaves these one step
+    behind; `mj_kinematics` updates them.
     """
 
     def __init__(self, model: mujoco.MjModel, context: Context) -> None:
@@ -50,55 +53,55 @@ class Buoyancy:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Buoyancy":
-        """The water of a compiled model. Raises ModelError for a model without the plugin, and
-        with all that is wrong where hulls or waves have changed since and cannot be any more."""
+        """The water of a compiled model. Raises ModelError for a model without the plugin, and for
+        a model whose hulls or waves have been changed to something impossible."""
         model = getattr(model, "ptr", model)  # dm_control's wrapper
         if not seam.has_water(model):
             raise ModelError(
                 [
                     f"the model has no instance of the plugin '{seam.NAME}', so it is dry: add "
-                    f"{seam.ELEMENT} to its MJCF file, or load it by Scene.load or sim.add_water, "
-                    "which do; MjSpec.attach takes an instance along only where a body names it"
+                    f"{seam.ELEMENT} to its MJCF file, or use Scene.load or sim.add_water, which "
+                    "add it; MjSpec.attach copies an instance only if a body names it"
                 ]
             )
         return cls(model, seam.context_of(model))
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names of `bodies`; 'body <id>' for one without a name."""
+        """Names of `bodies`; 'body <id>' without a name."""
         return tuple(body_label(self.model, b) for b in self.bodies)
 
     @property
     def takes_tolerance(self) -> bool:
-        """Whether any of the hulls' methods has a tolerance of water height."""
+        """Whether the method of any hull has a tolerance of the water height."""
         return any(f.method.takes_tolerance for f in self.floats)
 
     @property
     def is_current(self) -> bool:
-        """Whether hulls and waves are made from what the model has now. Raises ModelError where
-        they cannot be made from that."""
+        """Whether the model still describes these hulls and waves. Raises ModelError if it
+        describes impossible ones."""
         return seam.context_of(self.model) is self._context
 
     def calls(self, data: mujoco.MjData) -> int:
-        """How often the water acted on a state since that was made: once a step, four times with
-        RK4."""
-        return seam.counted(self.model, data, native.CALLS)
+        """How often the water has acted on a state since the state was made: once a step, or four
+        times with RK4."""
+        return seam.counted(data, native.CALLS)
 
     def seconds(self, data: mujoco.MjData) -> float:
-        """Wall time [s] that this took."""
-        return 1e-9 * seam.counted(self.model, data, native.NANOSECONDS)
+        """Wall time [s] of these calls."""
+        return 1e-9 * seam.counted(data, native.NANOSECONDS)
 
     def wrenches(self, data: mujoco.MjData) -> Array:
-        """Wrench of every hull, (H, 6) [N, N m], world axes, torque about its body's centre of
-        mass. Writes nothing."""
+        """Buoyancy of every hull, (H, 6) [N, N m], in world axes, about its body's centre of mass.
+        Writes nothing."""
         wrenches = self._context.push(self.model, data)
         arms = data.geom_xpos[self._geoms] - data.xipos[self._rows]
         wrenches[:, 3:] += np.cross(arms, wrenches[:, :3])
         return wrenches
 
     def submerged_volumes(self, data: mujoco.MjData) -> Array:
-        """Volume (H,) [m^3] of each hull below the surface: the vertical force that hydrostatic
-        pressure would have, over density * gravity."""
+        """Submerged volume (H,) [m^3] of each hull: the vertical force of hydrostatic pressure over
+        density * gravity."""
         sea = self.sea
         if sea.pressure == "hydrostatic" or not sea.waves:
             lifts = self._context.push(self.model, data)[:, 2] / self._displaced
@@ -111,19 +114,18 @@ class Buoyancy:
 
     @cached_property
     def _still_batches(self) -> list[Batch]:
-        """The hulls in the same water with hydrostatic pressure: patches where that takes few
-        faces to make, linear where the faces are fine anyway."""
+        """The hulls in the same sea with hydrostatic pressure: patches on few faces, linear on
+        many."""
         still, made = self.sea.hydrostatic, {}
         for f in self.floats:
             hull = f.method.hull
-            kind = Patches if len(hull.faces) < FINE else Linear
+            kind = Patches if len(hull.faces) < FINE_FACES else Linear
             made.setdefault(id(hull), kind(hull, still))
         return batches_of([replace(f, method=made[id(f.method.hull)]) for f in self.floats], 1)
 
     def drag_wrenches(self, data: mujoco.MjData) -> Array:
-        """Drag on every body of `bodies`, (B, 6) [N, N m], world axes, torque about its centre
-        of mass, for the state in `data`: the force of the water's resistance as such, without
-        added mass. Zero where the model asks for none. Updates the kinematics; writes no force."""
+        """Drag on every body of `bodies`, (B, 6) [N, N m], in world axes, about its centre of mass.
+        Added mass is not included. Zero without drag. Updates the kinematics; writes no force."""
         if not self.has_resistance:
             return np.zeros((len(self.bodies), 6))
         mujoco.mj_kinematics(self.model, data)
@@ -132,8 +134,8 @@ class Buoyancy:
         return self._context.drags(self.model, data, self._context.push(self.model, data))
 
     def pushes(self, data: mujoco.MjData) -> Array:
-        """The user's own part of the bodies' rows of xfrc_applied, (B, 6) [N, N m]: the rest is the
-        water's of the last step."""
+        """The user's pushes in the bodies' rows of xfrc_applied, (B, 6) [N, N m]. The rest of a row
+        is the water's wrench of the last step."""
         rows = data.xfrc_applied[self.bodies]
         found = rows.copy()
         for memories in reversed(seam.memories_of(self.model, data)):
@@ -143,11 +145,11 @@ class Buoyancy:
 
     @property
     def _memories(self) -> NDArray[np.int64]:
-        """For each of `bodies` its row among those that can move."""
+        """The index of each body among the bodies that can move."""
         return (np.cumsum(self.model.body_weldid != 0) - 1)[self.bodies]
 
     def __getstate__(self) -> NoReturn:
         raise TypeError(
-            "a Buoyancy belongs to its model in this process; pickle the model (or its file) and "
-            "ask there anew: Buoyancy.of(model)"
+            "a Buoyancy belongs to a model in this process and cannot be pickled; pickle the model "
+            "and call Buoyancy.of(model) where it is loaded"
         )

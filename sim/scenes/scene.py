@@ -1,9 +1,8 @@
-"""Scene: an MJCF file as something that can be stepped: model, data and buoyancy."""
+"""Scene: a model with its state and its water, ready to be stepped."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,12 +12,15 @@ from sim.mjcf.floats import first_state
 from sim.mjcf.notes import notes_about_places
 from sim.scenes.buoyancy import Buoyancy
 from sim.scenes.hydrostatics import notes_about_start
-from sim.scenes.spec import compiled, override, read_spec, with_plugin
+from sim.scenes.settings import Settings, override, set_sea
+from sim.scenes.spec import compiled, read_spec, with_plugin
+from sim.scenes.timestep import notes_about_timestep
+from sim.water.sea import Sea
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A model, its state and the water's push on it; `name` titles recordings and reports."""
+    """A model, its state and its water. name: the title of recordings and reports."""
 
     name: str
     model: mujoco.MjModel
@@ -29,21 +31,24 @@ class Scene:
     def load(
         cls,
         source: str | Path | mujoco.MjSpec,
-        method: str | None = None,
         *,
         name: str | None = None,
+        settings: Settings = (),
+        sea: Sea | None = None,
         densities: Mapping[str, float] | None = None,
         timestep: float | None = None,
         keyframe: str | None = None,
-        **overriding: Any,
     ) -> "Scene":
-        """Compile an MJCF file, or an MjSpec, and put it into a keyframe, by its name, or the first
-        one, if it has one. A model without the plugin gets it; the file stays as it is.
+        """Compile an MJCF file or an MjSpec, and put it into a keyframe.
 
-        What overrides the model: densities [kg/m^3] of geoms by their names, the timestep [s], and
-        the fields that `spec.override` takes. Raises FileNotFoundError, or ModelError with all that
-        is wrong with the model; warns by a Note of what is likely not meant, and of bodies that
-        will not stay as they start.
+        settings: custom fields that override the file's, as a mapping of names to numbers or texts,
+        or as "NAME=VALUE" strings (see `settings`). sea: replaces the water that the file
+        describes. densities [kg/m^3]: of geoms, by name. timestep [s]: overrides the file's.
+        keyframe: the name of the start; by default the first keyframe, if there is one.
+
+        The file stays as it is. A model without the plugin gets it. Raises FileNotFoundError, or
+        ModelError with everything that is wrong. Warns by a Note of what the user probably did not
+        intend, of bodies that will not stay where they start, and of a timestep that is too long.
         """
         is_file = not isinstance(source, mujoco.MjSpec)
         spec = read_spec(Path(source)) if is_file else source
@@ -54,7 +59,9 @@ class Scene:
                 if not (np.isfinite(timestep) and timestep > 0):
                     raise ValueError(f"the timestep is {timestep} s; it must be finite and above 0")
                 spec.option.timestep = timestep
-            override(spec, method, **overriding)
+            if sea is not None:
+                set_sea(spec, sea)
+            override(spec, settings)
             return cls.from_model(compiled(with_plugin(spec)), name, keyframe)
         except ModelError as error:
             raise (error.located(str(source)) if is_file else error) from None
@@ -65,21 +72,20 @@ class Scene:
     def from_model(
         cls, model: mujoco.MjModel, name: str = "scene", keyframe: str | None = None
     ) -> "Scene":
-        """The same for a model that is compiled already. Raises ModelError for one without the
-        plugin."""
+        """A scene of a compiled model. Raises ModelError for a model without the plugin."""
         buoyancy = Buoyancy.of(model)
         data = first_state(model, keyframe)
         mujoco.mj_forward(model, data)
         scene = cls(name, model, data, buoyancy)
-        notes = notes_about_start(scene)
-        if keyframe is not None:  # the plugin has looked at the first one
+        notes = [*notes_about_start(scene), *notes_about_timestep(scene)]
+        if keyframe is not None:  # the plugin has looked at the first keyframe
             notes = [*notes_about_places(model, data, buoyancy.sea, buoyancy.floats), *notes]
         say(notes)
         return scene
 
 
 def _make_dense(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:
-    """Give geoms other densities [kg/m^3]. Raises ModelError."""
+    """Set the densities [kg/m^3] of geoms. Raises ModelError."""
     for name, density in densities.items():
         geom = spec.geom(name)
         if geom is None:
@@ -87,6 +93,6 @@ def _make_dense(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:
             raise ModelError([f"density: there is no geom '{name}'; the scene has {known}"])
         if geom.parent.explicitinertial:
             raise ModelError(
-                [f"density: the body of geom '{name}' has an <inertial> of its own; take it away"]
+                [f"density: the body of geom '{name}' has an <inertial> of its own; remove it"]
             )
         geom.density, geom.mass = density, np.nan  # NaN: by the density

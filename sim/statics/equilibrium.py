@@ -1,10 +1,10 @@
 """Equilibrium: how a rigid body lies in still water.
 
-Its potential energy, of itself and of the water that it displaces, is a function of its height and
-of its rotation about two horizontal axes. Both its gradient, the wrench that is left, and its
-second derivatives, the hydrostatic stiffness, are known in closed form, so a rest is found by
-Newton's method on a minimum: along directions in which the energy falls off (an upright body that
-would capsize), the step goes downhill, and rest is reached from any way up.
+The potential energy of the body and of the water that it displaces is a function of the body's
+height and of its rotation about two horizontal axes. Its gradient, the wrench that is left, and its
+second derivatives, the hydrostatic stiffness, are known in closed form, so Newton's method finds a
+minimum. Along directions in which the energy falls off (an upright body that would capsize) a step
+goes downhill. The body finds a rest from any way up.
 
 Source: Newman 1977, 6.16, for the stiffness; Nocedal and Wright 2006, 3.4, for Newton's method with
 the moduli of the eigenvalues.
@@ -23,16 +23,16 @@ from sim.statics.wetted import Wetted, wetted_part
 Array = NDArray[np.float64]
 
 LARGEST_STEP = 0.3
-"""Radians, and heights in the body's sizes, that a step may go."""
+"""The most that a step may turn [rad], and rise in sizes of the body."""
 
 AT_REST = 1e-11
-"""Of weight and weight times size: a force and a torque below this are round-off."""
+"""Share of the weight, and of weight times size, below which a force and a torque are round-off."""
 
 FALLS_OFF = 1e-9
-"""Of weight times size: a stiffness below minus this makes a body turn over."""
+"""Share of weight times size: with a stiffness below minus this, a body turns over."""
 
 NUDGE = 0.02
-"""Radians by which a body in an equilibrium that is none to stay is pushed out of it."""
+"""Radians by which a body is pushed out of an equilibrium that is not stable."""
 
 MOST_STEPS = 400
 
@@ -44,11 +44,14 @@ class Attitude(NamedTuple):
     rotation: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RigidFloat:
-    """A body as hydrostatics sees it: corners (F, 3, 3) [m] of its hulls' triangles about its
-    centre of mass, its mass [kg], the water's density [kg/m^3] and gravity [m/s^2]; displaced (F,):
-    the volume that each triangle's hull displaces, over that which it encloses."""
+    """A rigid body in still water.
+
+    corners: (F, 3, 3) [m] of the triangles of its hulls, about its centre of mass; mass [kg]; the
+    water's density [kg/m^3]; gravity [m/s^2]; displaced: the volume that a hull displaces over the
+    volume that it encloses, (F,) for the hull of each triangle, or one number.
+    """
 
     corners: Array
     mass: float
@@ -63,29 +66,37 @@ class RigidFloat:
 
     @cached_property
     def volume(self) -> float:
-        """That the whole hulls displace [m^3]."""
+        """Volume [m^3] that the whole hulls displace."""
         return self.wetted(Attitude(-2.0 * self.size, np.eye(3))).volume
 
     @property
     def weight(self) -> float:
+        """Weight [N]."""
         return self.mass * self.gravity
 
+    @cached_property
+    def shares(self) -> Array:
+        """`displaced` of each triangle (F,)."""
+        return np.full(len(self.corners), self.displaced, dtype=float)
+
+    def placed(self, attitude: Attitude) -> Array:
+        """Corners (F, 3, 3) [m] in world axes, from the point of the water's surface above or below
+        the centre of mass."""
+        return self.corners @ attitude.rotation.T + [0.0, 0.0, attitude.height]
+
     def wetted(self, attitude: Attitude) -> Wetted:
-        """What is under water, in world axes below the centre of mass, z from the level."""
-        shares = np.broadcast_to(np.asarray(self.displaced, dtype=float), len(self.corners))
-        return wetted_part(self.corners, shares, attitude.rotation, attitude.height)
+        """What is under water, in the axes of `placed`."""
+        return wetted_part(self.corners, self.shares, attitude.rotation, attitude.height)
 
     def stiffness(self, attitude: Attitude, wetted: Wetted) -> Array:
         """Hydrostatic stiffness (3, 3) [N/m, N, N m] in heave and in rotations about the world's x
         and y axes through the centre of mass."""
-        rho_g, (mx, my), i = self.density * self.gravity, wetted.plane_moment, wetted.plane_squares
+        area, (mx, my), i = wetted.waterplane, wetted.plane_moment, wetted.plane_squares
         lever = wetted.moment[2] - wetted.volume * attitude.height
-        k = np.array(
-            [[wetted.waterplane, my, -mx], [my, i[1, 1], -i[0, 1]], [-mx, -i[0, 1], i[0, 0]]]
-        )
+        k = np.array([[area, my, -mx], [my, i[1, 1], -i[0, 1]], [-mx, -i[0, 1], i[0, 0]]])
         k[1, 1] += lever
         k[2, 2] += lever
-        return rho_g * k
+        return self.density * self.gravity * k
 
     def pull(self, wetted: Wetted) -> Array:
         """What is left of weight and buoyancy (3,): force up [N], torques about x and y [N m]."""
@@ -93,12 +104,12 @@ class RigidFloat:
         return np.array([rho_g * wetted.volume - self.weight, rho_g * y, -rho_g * x])
 
     def energy(self, attitude: Attitude, wetted: Wetted) -> float:
-        """Of the body and the water that it displaces [J]."""
+        """Potential energy [J] of the body and the water that it displaces."""
         return self.weight * attitude.height - self.density * self.gravity * wetted.moment[2]
 
 
 def afloat(body: RigidFloat, rotation: Array) -> Attitude:
-    """The attitude of this rotation in which a body that does not sink displaces its mass."""
+    """The attitude in this rotation in which a body displaces its mass. It must not sink."""
     ups = (body.corners @ rotation.T)[:, :, 2]
     low, high = -float(ups.max()), -float(ups.min())
     height, wanted = 0.5 * (low + high), body.mass / body.density
@@ -114,8 +125,8 @@ def afloat(body: RigidFloat, rotation: Array) -> Attitude:
 
 
 def rest(body: RigidFloat, rotation: Array, axes: str = "xy") -> Attitude:
-    """The attitude in which a body stays that is let go in a rotation (3, 3), free to rise and to
-    turn about these of the world's axes. It must not sink."""
+    """The attitude in which a body comes to rest that is let go in a rotation (3, 3), free to rise
+    and to turn about these axes of the world. It must not sink."""
     free = [0] + [1 + "xy".index(axis) for axis in axes]
     scale = np.array([body.size, 1.0, 1.0])[free]
     unit, squares = body.weight * body.size, np.outer(scale, scale)
@@ -143,8 +154,8 @@ def rest(body: RigidFloat, rotation: Array, axes: str = "xy") -> Attitude:
 def _downhill(
     body: RigidFloat, attitude: Attitude, wetted: Wetted, free: list[int], step: Array
 ) -> tuple[Attitude, Wetted] | None:
-    """The attitude after a step, or a part of it, that takes energy; None where none does, which is
-    round-off."""
+    """The attitude after a step, or a part of it, that lowers the energy, and what is wetted there;
+    None where round-off lets none do so."""
     energy, allowed = body.energy(attitude, wetted), 1e-14 * body.weight * body.size
     for _ in range(30):
         moved = _moved(attitude, free, step)

@@ -11,32 +11,30 @@ from sim.statics.equilibrium import RigidFloat, rest
 Array = NDArray[np.float64]
 
 HEEL_STEP = 5.0
-"""Degrees between the heels of a curve."""
+"""Degrees from one heel of a curve to the next."""
 
 BISECTIONS = 30
-"""Halvings of an interval of heels: 5 degrees to 5e-9."""
+"""Times that an interval of heels is halved: 5 degrees become 5e-9."""
 
 
 def righting_arm(body: RigidFloat, at_rest: Array, heel: float) -> float:
-    """Righting arm GZ [m] at a heel [rad] to starboard from the rotation (3, 3) at rest: the moment
-    about the horizontal axis along the bow that turns the body back, over its weight.
-
-    at_rest has the bow (the body's x axis) in the world's plane of x and z.
-    """
+    """Righting arm GZ [m] at a heel [rad] to starboard from the rotation (3, 3) at rest, where the
+    bow (the body's x axis) lies in the world's plane of x and z: the moment about the world's x
+    axis that turns the body back, over its weight."""
     heeled = rotation_about(np.array([heel, 0.0, 0.0])) @ at_rest
     attitude = rest(body, heeled, axes="y")
     return -float(body.pull(body.wetted(attitude))[1]) / body.weight
 
 
 def righting_arms(body: RigidFloat, at_rest: Array, up_to: float = 90.0) -> Array:
-    """Heels [deg] in steps of HEEL_STEP from 0, and righting arms [m] there: (N, 2)."""
+    """Heels [deg] from 0 in steps of HEEL_STEP, and the righting arms [m] there: (N, 2)."""
     heels = np.arange(0.0, up_to + 0.5 * HEEL_STEP, HEEL_STEP)
     return np.array([(h, righting_arm(body, at_rest, np.radians(h))) for h in heels])
 
 
 def vanishing_angle(body: RigidFloat, at_rest: Array, arms: Array) -> float | None:
-    """Heel [deg] at which the righting arm that was positive becomes negative, known to lie where
-    the arms (N, 2) change their sign; None where it does nowhere in them."""
+    """Heel [deg] at which the righting arm falls to 0, between two of the arms (N, 2) of which the
+    first is positive and the second is not; None where there are no such two."""
     for (low, before), (high, after) in pairwise(arms):
         if before > 0.0 >= after:
             for _ in range(BISECTIONS):

@@ -1,8 +1,8 @@
-"""Wetted: what of a closed surface lies below still water, and its waterplane, exactly.
+"""Wetted: the part of a closed surface below still water, and its waterplane, exactly.
 
-All of it is a sum over the wetted triangles: volumes of cones from a point of the water's surface,
-and, because the wetted part and the waterplane close one another, integrals over the waterplane as
-minus those over the wetted part's projection (Gauss).
+All figures are sums over the wetted triangles. The volume is made of cones from a point on the
+water's surface. The wetted part and the waterplane together enclose it, so an integral over the
+waterplane is minus the integral over the projection of the wetted part (Gauss).
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry import cross
+from sim.geometry import cross, placed
 from sim.kernels import inline, kernel
 
 Array = NDArray[np.float64]
@@ -20,9 +20,9 @@ Array = NDArray[np.float64]
 class Wetted:
     """The part of a solid below z = 0.
 
-    volume [m^3]; moment (3,) [m^4], volume times the centre of buoyancy; surface [m^2], wetted;
-    waterplane [m^2]; plane_moment (2,) [m^3] and plane_squares (2, 2) [m^4], the integrals of (x,
-    y) and its square over the waterplane.
+    volume [m^3]; moment (3,) [m^4]: volume times the centre of buoyancy; surface [m^2]: the wetted
+    area; waterplane [m^2]: its area; plane_moment (2,) [m^3] and plane_squares (2, 2) [m^4]: the
+    integrals of p and p p^T over the waterplane, p being (x, y).
     """
 
     volume: float
@@ -39,23 +39,24 @@ class Wetted:
 
 
 def wetted_part(corners: Array, displaced: Array, rotation: Array, height: float) -> Wetted:
-    """The Wetted of closed surfaces of triangles, corners (F, 3, 3) [m], outward, turned by a
-    rotation (3, 3) and then lifted by a height [m], z up from the water's level. displaced (F,):
-    over the volume that they enclose, the same for all of a surface."""
+    """The Wetted of closed, outward surfaces of triangles, corners (F, 3, 3) [m], turned by a
+    rotation (3, 3) and then lifted by a height [m]; z is up, and 0 at the water's level. displaced
+    (F,): volume that a triangle's surface displaces, over the volume that it encloses."""
     s = np.zeros(SUMS)
-    add_wetted(corners, displaced, np.ascontiguousarray(rotation).reshape(9), float(height), s)
+    position = np.array([0.0, 0.0, height])
+    add_wetted(corners, displaced, position, np.ascontiguousarray(rotation).reshape(9), s)
     squares = np.array([[s[7], s[8]], [s[8], s[9]]]) / 12.0
     volume, waterplane, surface = map(float, s[[0, 4, 10]])
     return Wetted(volume, s[1:4] / 4.0, surface, waterplane, s[5:7] / 3.0, squares)
 
 
 SUMS = 11
-"""Numbers that `add_wetted` adds up."""
+"""How many sums `add_wetted` adds to."""
 
 
 @inline
 def add_piece(ax, ay, az, bx, by, bz, cx, cy, cz, share, sums_out):
-    """Add what a wetted triangle a, b, c contributes."""
+    """Add what the wetted triangle a, b, c contributes."""
     nx, ny, nz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
     px, py, pz = cross(bx, by, bz, cx, cy, cz)
     x, y = ax + bx + cx, ay + by + cy
@@ -74,21 +75,20 @@ def add_piece(ax, ay, az, bx, by, bz, cx, cy, cz, share, sums_out):
 
 
 @kernel
-def add_wetted(corners, displaced, rotation, height, sums_out):
+def add_wetted(corners, displaced, position, rotation, sums_out):
     """Sums (SUMS,) over the wetted parts of triangles: see `wetted_part`."""
-    r, p = rotation, np.empty((3, 3))
+    p = np.empty((3, 3))
     for t in range(corners.shape[0]):
         wet = 0
         for c in range(3):
-            x, y, z = corners[t, c, 0], corners[t, c, 1], corners[t, c, 2]
-            p[c, 0] = r[0] * x + r[1] * y + r[2] * z
-            p[c, 1] = r[3] * x + r[4] * y + r[5] * z
-            p[c, 2] = r[6] * x + r[7] * y + r[8] * z + height
+            p[c, 0], p[c, 1], p[c, 2] = placed(
+                corners[t, c, 0], corners[t, c, 1], corners[t, c, 2], position, rotation
+            )
             wet += p[c, 2] < 0.0
         if wet == 0:
             continue
         a = 0
-        if wet != 3:  # the corner that is on its own side comes first
+        if wet != 3:  # first the corner that is alone on its side
             for c in range(3):
                 if (p[c, 2] < 0.0) == (wet == 1):
                     a = c
@@ -99,12 +99,8 @@ def add_wetted(corners, displaced, rotation, height, sums_out):
             add_piece(ax, ay, az, bx, by, bz, cx, cy, cz, share, sums_out)
             continue
         u, v = az / (az - bz), az / (az - cz)
-        dx, dy, ex, ey = (
-            ax + u * (bx - ax),
-            ay + u * (by - ay),
-            ax + v * (cx - ax),
-            ay + v * (cy - ay),
-        )
+        dx, dy = ax + u * (bx - ax), ay + u * (by - ay)
+        ex, ey = ax + v * (cx - ax), ay + v * (cy - ay)
         if wet == 1:
             add_piece(ax, ay, az, dx, dy, 0.0, ex, ey, 0.0, share, sums_out)
         else:

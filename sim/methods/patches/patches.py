@@ -41,7 +41,7 @@ from sim.hulls.hull import Hull
 from sim.hulls.triangle import clip_dry_part
 from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
 from sim.methods.linear import write_turned
-from sim.methods.method import Compiled, Kernel, Part, Place, Settings, expect_at_most
+from sim.methods.method import Compiled, Kernel, Part, Place, Settings
 from sim.methods.patches.fit import SHIFT, jet_waves, steepest_slope
 from sim.methods.patches.polynomial import (
     BENDING,
@@ -149,9 +149,8 @@ class Patches(Compiled):
         self._prepare()
 
     @classmethod
-    def from_text(cls, hull: Hull, sea: Sea, settings: Settings, arguments: list[str]) -> Self:
-        expect_at_most(1, arguments)
-        return cls(hull, sea, float(arguments[0]) if arguments else settings.tolerance)
+    def from_settings(cls, hull: Hull, sea: Sea, settings: Settings) -> Self:
+        return cls(hull, sea, settings.buoyancy_tolerance)
 
     @classmethod
     def kernel(cls) -> Kernel:

@@ -1,0 +1,343 @@
+"""Fields: the table of all custom elements that describe the water and the hulls.
+
+A scene is one MJCF file, and what concerns the water stands in its `<custom>` element. Each field
+is described here once. Refusals, `--help` and the documentation are printed from this table.
+
+The tuple `buoyant` lists what floats: geoms, whose surfaces are hulls, or bodies, each of which
+stands for all geoms of its subtree that collide (for all geoms, if none collides).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import cycle
+
+import numpy as np
+
+from sim.methods import METHODS, Settings
+from sim.methods.chord import MOST_SAMPLES
+from sim.methods.reference import FINEST
+from sim.water.gerstner import MOST_TIDES
+from sim.water.head import PRESSURES
+from sim.water.sea import DEFAULT_PRESSURE
+from sim.water.spectrum import MOST_SEED, MOST_WAVES, WIDEST_SPREAD
+
+LARGEST_NUMBER = 1e9
+"""Bound of numbers that have no bound of their own, in any unit."""
+
+BUOYANT = "buoyant"
+"""The tuple that lists what floats."""
+
+COMPONENTS, RECORD = "sea_components", "sea_record"
+"""The texts that name files."""
+
+METHOD, PRESSURE, TOLERANCE = "buoyancy_method", "water_pressure", "buoyancy_tolerance"
+
+WATER_PREFIXES = ("water", "wave_", "sea_")
+"""Beginnings of the names of fields that describe the water."""
+
+PREFIXES = (
+    *WATER_PREFIXES, "wave", "buoyan", "chord_", "reference_", "drag_", "added_mass", "damping",
+    "displaced",
+)  # fmt: skip
+"""Beginnings of names that belong to this table. An unknown name that begins like this is a typing
+error, and is refused."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a field.
+
+    name, unit: what it is. least, most: its bounds, with `least` itself excluded if is_above.
+    is_whole: whether it is a whole number. default: its value where the field leaves it out.
+    """
+
+    name: str
+    unit: str = ""
+    least: float = -LARGEST_NUMBER
+    most: float = LARGEST_NUMBER
+    is_above: bool = False
+    is_whole: bool = False
+    default: float = 0.0
+
+    @property
+    def expected(self) -> str:
+        if self.is_whole:
+            return f"a whole number from {self.least:g} to {self.most:g}"
+        low = f"above {self.least:g}" if self.is_above else f"{self.least:g} or more"
+        return f"{low} and at most {self.most:g}"
+
+    def allows(self, value: float) -> bool:
+        """Whether the value is within the bounds; NaN is not."""
+        if not self.least <= value <= self.most or (self.is_above and value == self.least):
+            return False
+        return not self.is_whole or value == int(value)
+
+    def check(self, value: float) -> None:
+        """Raise ValueError for a value out of bounds."""
+        if not self.allows(value):
+            found = f"{value:g} {self.unit}".strip()
+            raise ValueError(f"the {self.name} is {found}; it must be {self.expected}")
+
+
+@dataclass(frozen=True)
+class NumericField:
+    """A field that is a custom numeric.
+
+    meaning: one line of documentation. numbers: in their order; those after the first `needed` may
+    be left out. counts: the allowed counts, where the field is a row of one kind of number.
+    per_geom: whether `<name>_<geom>` gives it to one geom, or to all geoms below one body.
+    """
+
+    meaning: str
+    numbers: tuple[Number, ...]
+    needed: int = 0
+    counts: tuple[int, ...] = ()
+    per_geom: bool = False
+
+    @property
+    def allowed_counts(self) -> tuple[int, ...]:
+        if self.counts:
+            return self.counts
+        return tuple(range(self.needed or len(self.numbers), len(self.numbers) + 1))
+
+    @property
+    def units(self) -> str:
+        """The numbers with their units, as one line."""
+        return ", ".join(f"{n.name} {n.unit}".strip() for n in self.numbers)
+
+    def check(self, values: Sequence[float]) -> None:
+        """Raise ValueError for a wrong count, or for a number out of bounds."""
+        count, allowed = len(values), self.allowed_counts
+        if count not in allowed:
+            first, *others = map(str, allowed)
+            expected = (
+                f"{first} to {others[-1]}" if len(others) > 1 else " or ".join([first, *others])
+            )
+            if self.counts and len(others) > 2:
+                expected = f"{first}, {others[0]}, {others[1]}, ... or {others[-1]}"
+            raise ValueError(
+                f"has {count} number{'s' * (count != 1)}; expected {expected}: {self.units}"
+            )
+        for number, value in zip(cycle(self.numbers), values, strict=False):
+            number.check(value)
+
+    def filled(self, values: Sequence[float]) -> list[float]:
+        """The values, followed by the defaults of the numbers that were left out."""
+        return [*map(float, values), *(n.default for n in self.numbers[len(values) :])]
+
+
+@dataclass(frozen=True)
+class TextField:
+    """A field that is a custom text. value: what the text says, for the documentation."""
+
+    meaning: str
+    value: str
+    per_geom: bool = False
+
+
+def _positive(name: str, unit: str, most: float, **options: float) -> Number:
+    return Number(name, unit, 0.0, most, is_above=True, **options)
+
+
+def _switch(name: str) -> Number:
+    return Number(name, "", 0, 1, is_whole=True, default=1)
+
+
+_HEADING = Number("heading", "deg")
+_HEIGHT = _positive("significant height", "m", 1e3)
+_PERIOD = _positive("peak period", "s", 1e3)
+_SEA = (
+    _HEADING,
+    Number("spread", "deg", 0.0, np.degrees(0.999 * WIDEST_SPREAD),
+           default=25.0),
+    Number("number of waves", "", 1, MOST_WAVES, is_whole=True, default=40),
+    Number("seed", "", 0, MOST_SEED, is_whole=True),
+)  # fmt: skip
+"""The last numbers of every irregular sea: how its spectrum is cut into waves."""
+
+NUMERICS = {
+    "wave_<name>": NumericField(
+        "one Gerstner wave",
+        (
+            Number("amplitude", "m", 0.0, 1e4), _positive("wavelength", "m", 1e6), _HEADING,
+            Number("phase", "deg"),
+        ),
+    ),
+    "sea_jonswap": NumericField(
+        "irregular sea with the JONSWAP spectrum",
+        (_HEIGHT, _PERIOD, Number("gamma", "", 1.0, 100.0, default=3.3), *_SEA),
+        needed=2,
+    ),
+    "sea_bretschneider": NumericField(
+        "irregular sea with Bretschneider's spectrum", (_HEIGHT, _PERIOD, *_SEA), needed=2
+    ),
+    "sea_pierson_moskowitz": NumericField(
+        "fully developed sea; its period follows from the height", (_HEIGHT, *_SEA), needed=1
+    ),
+    "sea_ochi_hubble": NumericField(
+        "swell and wind sea together",
+        (
+            _positive("swell height", "m", 1e3), _positive("swell period", "s", 1e3),
+            Number("swell sharpness", "", 0.5, 30.0), _positive("wind sea height", "m", 1e3),
+            _positive("wind sea period", "s", 1e3), Number("wind sea sharpness", "", 0.5, 30.0),
+            *_SEA,
+        ),
+        needed=6,
+    ),
+    RECORD: NumericField(
+        "how the record of the text `sea_record` is read: its band of periods and its place",
+        (
+            _HEADING, _positive("shortest period", "s", 1e3, default=1.0),
+            _positive("longest period", "s", 1e6, default=60.0), Number("x", "m"), Number("y", "m"),
+        ),
+        needed=1,
+    ),
+    "water_density": NumericField(
+        "density of the water; the default is sea water at 15 degrees C and 35 g/kg of salt",
+        (_positive("water density", "kg/m^3", 1e6, default=1025.0),),
+    ),
+    "water_level": NumericField(
+        "height of the still water; pairs of a time and a level give a tide, linear in between",
+        (Number("water level m, or number of pairs of time s and level m", "", -1e6, 1e6),),
+        counts=(1, *range(4, 2 * MOST_TIDES + 1, 2)),
+    ),
+    "water_current": NumericField(
+        "velocity of all of the water; the waves travel on it",
+        tuple(Number(f"current along {axis}", "m/s", -100.0, 100.0) for axis in "xyz"),
+        needed=2,
+    ),
+    "water_ramp": NumericField(
+        "time in which the waves grow from nothing", (Number("water ramp", "s", 0.0, 1e6),)
+    ),
+    "water_drawn": NumericField(
+        "0 hides the water in MuJoCo's own pictures", (_switch("drawing of the water"),)
+    ),
+    TOLERANCE: NumericField(
+        "error of the water height that `patches` allow; left out, patches choose it",
+        (_positive("buoyancy tolerance", "m of water height", 1e6),),
+        per_geom=True,
+    ),
+    "chord_samples": NumericField(
+        "points that `chord` puts on each chord of the waterline",
+        (Number("number of samples", "", 0, MOST_SAMPLES, is_whole=True,
+                default=Settings.chord_samples),),
+    ),
+    "reference_tolerance": NumericField(
+        "error that `reference` converges to",
+        (Number("reference tolerance", "of rho g V", FINEST, 1.0,
+                default=Settings.reference_tolerance),),
+    ),
+    "buoyancy_union": NumericField(
+        "0 keeps overlapping hulls of one body apart; their shared volume then counts twice",
+        (_switch("union of overlapping hulls"),),
+    ),
+    "displaced": NumericField(
+        "volume that a geom displaces, over the volume of its hull",
+        (_positive("displaced volume over the hull's", "", 1e3, default=1.0),),
+        per_geom=True,
+    ),
+    "drag_angular": NumericField(
+        "decay rate of the angular momentum",
+        (Number("angular drag coefficient", "1/s", 0.0),),
+        per_geom=True,
+    ),
+    "drag": NumericField(
+        "drag coefficients: wave making, eddies, skin friction",
+        tuple(Number(f"{kind} drag coefficient", "", 0.0) for kind in
+              ("linear", "form", "friction")),
+        per_geom=True,
+    ),
+    "added_mass": NumericField(
+        "added mass: six shares of the displaced water's mass and inertia, or a 6 x 6 matrix",
+        (Number("coefficient of added mass, or number of its matrix row by row", "", -1e12, 1e12),),
+        counts=(6, 36),
+        per_geom=True,
+    ),
+    "damping": NumericField(
+        "linear damping relative to the water: its diagonal, or a 6 x 6 matrix",
+        (Number("damping in N s/m or N m s, or number of its matrix row by row", "", -1e12, 1e12),),
+        counts=(6, 36),
+        per_geom=True,
+    ),
+}  # fmt: skip
+"""All numerics by name. A name that begins another one stands after it: `drag_angular`, `drag`."""
+
+TEXTS = {
+    COMPONENTS: TextField(
+        "waves from a file: amplitude m, wavelength m or period s, heading deg, phase deg",
+        "a CSV file beside the scene",
+    ),
+    RECORD: TextField(
+        "a sea whose elevation at one place is a record: time s, elevation m",
+        "a CSV file beside the scene",
+    ),
+    PRESSURE: TextField(
+        f"pressure under the waves ({DEFAULT_PRESSURE})", " or ".join(PRESSURES)
+    ),
+    METHOD: TextField(
+        "how wrenches are computed (patches)", ", ".join(METHODS), per_geom=True
+    ),
+}  # fmt: skip
+"""All texts by name."""
+
+
+def numeric_base(name: str) -> str | None:
+    """The entry of NUMERICS that a name belongs to; None for an unknown name."""
+    if name.startswith("wave_"):
+        return "wave_<name>"
+    return _base(name, NUMERICS)
+
+
+def text_base(name: str) -> str | None:
+    """The entry of TEXTS that a name belongs to; None for an unknown name."""
+    return _base(name, TEXTS)
+
+
+def _base(name: str, table: dict[str, NumericField] | dict[str, TextField]) -> str | None:
+    for base, field in table.items():
+        if name == base or (field.per_geom and name.startswith(f"{base}_")):
+            return base
+    return None
+
+
+def check_numeric(name: str, values: Sequence[float]) -> None:
+    """Raise ValueError for an unknown numeric, a wrong count, or a number out of bounds."""
+    base = numeric_base(name)
+    if base is None:
+        refuse_unknown("numeric", name, ", ".join(_names(NUMERICS)))
+    try:
+        NUMERICS[base].check(values)
+    except ValueError as error:
+        colon = "" if str(error).startswith("has ") else ":"
+        raise ValueError(f"custom numeric '{name}'{colon} {error}") from None
+
+
+def check_text(name: str) -> None:
+    """Raise ValueError for an unknown text."""
+    if text_base(name) is None:
+        refuse_unknown("text", name, ", ".join(_names(TEXTS)))
+
+
+def refuse_unknown(kind: str, name: str, known: str) -> None:
+    raise ValueError(f"custom {kind} '{name}' is unknown; expected {known}: correct or rename it")
+
+
+def _names(table: dict[str, NumericField] | dict[str, TextField]) -> list[str]:
+    return [name + "[_<geom>]" * field.per_geom for name, field in table.items()]
+
+
+def described() -> Iterator[tuple[str, str, str]]:
+    """A row (name, value, meaning) of documentation for each field. The value gives numbers and
+    units, with the defaults in brackets."""
+    for (base, field), name in zip(NUMERICS.items(), _names(NUMERICS), strict=True):
+        numbers = []
+        for i, number in enumerate(field.numbers):
+            is_optional = i >= field.needed if field.needed else bool(number.default)
+            default = f" ({number.default:g})" if is_optional else ""
+            numbers.append(f"{number.name} {number.unit}".strip() + default)
+        count = (
+            f"{' or '.join(map(str, field.counts))} x " if base in ("added_mass", "damping") else ""
+        )
+        yield name, count + ", ".join(numbers), field.meaning
+    for (_, field), name in zip(TEXTS.items(), _names(TEXTS), strict=True):
+        yield name, f"text: {field.value}", field.meaning

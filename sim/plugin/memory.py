@@ -1,0 +1,43 @@
+"""Memory: MuJoCo's library, and numbers at addresses that it hands over."""
+
+import ctypes
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+ADDRESS, INTEGER, WORD = ctypes.c_void_p, ctypes.c_int, ctypes.c_int64
+
+
+@cache
+def mujoco_library() -> ctypes.CDLL:
+    """MuJoCo's library."""
+    return ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco.*"))))
+
+
+def function_address(library: ctypes.CDLL, name: str) -> int:
+    """The address of a library's function; 0 if the library has none of that name."""
+    found = getattr(library, name, None)
+    return address_of(found) if found else 0
+
+
+def address_of(function: ctypes._CFuncPtr) -> int:
+    return ctypes.cast(function, ADDRESS).value
+
+
+def word_at(address: int) -> int:
+    """The 8-byte integer at an address."""
+    return WORD.from_address(address).value
+
+
+def integers_at(address: int, count: int) -> list[int]:
+    """C ints at an address."""
+    return list((INTEGER * count).from_address(address))
+
+
+def floats_at(address: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Doubles at an address, as an array that shares the memory."""
+    count = int(np.prod(shape))
+    return np.frombuffer((ctypes.c_double * count).from_address(address)).reshape(shape)

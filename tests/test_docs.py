@@ -1,0 +1,44 @@
+"""Documentation: the table of fields is the program's own, links lead somewhere, scripts exist."""
+
+import re
+
+import pytest
+
+from independent import REPOSITORY
+from sim.mjcf.fields import described
+
+PAGES = sorted(
+    path
+    for pattern in ("*.md", "models/*.md", "scripts/**/*.md", "sim/**/*.md")
+    for path in REPOSITORY.glob(pattern)
+)
+
+
+def anchors(page) -> set[str]:
+    """Anchors of a page's headings, as they are made on code hosting sites."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+
+
+def test_the_table_of_fields_is_the_programs_own():
+    page = (REPOSITORY / "sim" / "mjcf" / "README.md").read_text()
+    table = page.split("| field | numbers | meaning |\n| --- | --- | --- |\n")[1].split("\n\n")[0]
+    rows = [f"| `{name}` | {value} | {meaning} |" for name, value, meaning in described()]
+    assert table.splitlines() == rows
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(REPOSITORY)))
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+        if target.startswith("http"):
+            continue
+        path, _, anchor = target.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), target
+        assert not anchor or anchor in anchors(there), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(REPOSITORY)))
+def test_commands_name_scripts_that_exist(page):
+    for script in re.findall(r"python (scripts/[\w/]+\.py)", page.read_text()):
+        assert (REPOSITORY / script).is_file(), script
