@@ -12,8 +12,8 @@ reads this map and keeps it so):
     statics/                  how a body rests in still water, and what brings it back
     hulls/, water/            closed surfaces, from files too, their repair; waves and pressure
     geometry                  areas, volumes, rotations of triangles and bodies
-    addresses                 arrays, functions and counters at places in memory
     kernels                   how kernels are compiled, and the blocks of tables they read
+    addresses                 arrays, functions and counters at places in memory
 
 Nothing below mjcf knows MuJoCo, and only recording knows Rerun, which is loaded when it is first
 asked for.

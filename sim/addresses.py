@@ -15,11 +15,27 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 
-WORD = ir.IntType(64)
+BYTE, WORD = ir.IntType(8), ir.IntType(64)
 
 
 def _pointer(builder: ir.IRBuilder, address: ir.Value, kind: ir.Type) -> ir.Value:
     return builder.inttoptr(address, kind.as_pointer())
+
+
+def array_of(
+    context: Any, builder: ir.IRBuilder, kind: types.Array, start: ir.Value, sizes: list[ir.Value]
+) -> ir.Value:
+    """LLVM's value of an array of a type in C order, whose elements begin at a pointer."""
+    array = make_array(kind)(context, builder)
+    data_type = context.get_data_type(kind.dtype)
+    itemsize = context.get_constant(types.intp, context.get_abi_sizeof(data_type))
+    strides, step = [], itemsize
+    for size in sizes[::-1]:
+        strides.insert(0, step)
+        step = builder.mul(step, size)
+    data = builder.bitcast(start, data_type.as_pointer())
+    populate_array(array, data, sizes, strides, itemsize, meminfo=None)
+    return impl_ret_borrowed(context, builder, kind, array._getvalue())
 
 
 def _array_at(element: types.Type, readonly: bool) -> Callable[..., Any]:
@@ -30,17 +46,8 @@ def _array_at(element: types.Type, readonly: bool) -> Callable[..., Any]:
         kind = types.Array(element, len(shape), "C", readonly=readonly)
 
         def codegen(context, builder, signature, args):
-            array = make_array(kind)(context, builder)
-            data_type = context.get_data_type(element)
-            itemsize = context.get_constant(types.intp, context.get_abi_sizeof(data_type))
             sizes = cgutils.unpack_tuple(builder, args[1])
-            strides, step = [], itemsize
-            for size in sizes[::-1]:
-                strides.insert(0, step)
-                step = builder.mul(step, size)
-            data = _pointer(builder, args[0], data_type)
-            populate_array(array, data, sizes, strides, itemsize, meminfo=None)
-            return impl_ret_borrowed(context, builder, kind, array._getvalue())
+            return array_of(context, builder, kind, _pointer(builder, args[0], BYTE), sizes)
 
         return kind(types.int64, types.UniTuple(types.int64, len(shape))), codegen
 
@@ -58,6 +65,17 @@ integers_at = _array_at(types.int32, readonly=True)
 
 bytes_at = _array_at(types.uint8, readonly=True)
 """Bytes at an address, read-only, as a block (`kernels.packed`) has them."""
+
+
+@intrinsic
+def rows_at(typingctx, address, count, dtype):
+    """So many records of a type at an address, read-only."""
+    kind = types.Array(dtype.dtype, 1, "C", readonly=True)
+
+    def codegen(context, builder, signature, args):
+        return array_of(context, builder, kind, _pointer(builder, args[0], BYTE), [args[1]])
+
+    return kind(types.int64, types.int64, dtype), codegen
 
 
 @intrinsic

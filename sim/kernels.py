@@ -12,26 +12,32 @@ What holds for every kernel of the package:
   to what is there.
 - Workspaces are tables with one row, whose fields are arrays. A row does not keep its table alive,
   so it is taken only by kernels that are given the workspace, not by the one that makes it.
-- Compiled code is kept beside the sources, for as long as none of these has changed: numba by
-  itself looks at the file of a kernel, and not at those of the kernels that it calls.
+- Compiled code is kept in the user's cache folder, under a stamp of the sources of all kernels:
+  numba by itself looks at the file of a kernel, and not at those of the kernels that it calls.
 """
 
 import ctypes
-import pickle
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cache, cached_property
 from hashlib import sha256
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
+import numba
 import numpy as np
-from numba import njit, typeof, types
+from numba import config, njit, typeof, types
 from numba.core import event
+from numba.core.caching import FunctionCache, NullCache
 from numba.core.ccallback import CFunc
+from numba.extending import intrinsic
+from numba.misc.appdirs import user_cache_dir
+from numba.np.arrayobj import make_array
 from numpy.typing import NDArray
+
+from sim.addresses import WORD, array_of
 
 Kernel = TypeVar("Kernel")
 
@@ -41,96 +47,73 @@ CACHE_LINE = 64
 MOST_TABLES = 10
 """Tables that a block has room for in its directory."""
 
-DIGEST = 32
-"""Bytes of a digest at the end of what is kept."""
-
-LIKE = 20
-"""Characters by which warnings of one kind begin alike."""
-
-_SAID: set[str] = set()
-
 DIRECTORY = 16 * MOST_TABLES
 """Bytes at the start of a block: where each table begins and where it ends."""
 
 
 def _stamp_of_sources() -> str:
-    """What the sources of all kernels are, in short."""
-    digest = sha256()
+    """A name for the state of all kernels' sources, and of the compiler."""
+    digest = sha256(numba.__version__.encode())
     for path in sorted(Path(__file__).parent.rglob("*.py")):
         content = path.read_bytes()
         if b"kernel" in content:
             digest.update(content)
-    return digest.hexdigest()
+    return digest.hexdigest()[:16]
 
 
-_STAMP = _stamp_of_sources()
+CACHE = Path(config.CACHE_DIR or user_cache_dir()).absolute() / "waterline" / _stamp_of_sources()
+"""Compiled code is kept here. Other sources have another folder, so stale code cannot be loaded."""
+
+
+class _KeptCode(FunctionCache):
+    """The compiled code of a function on disk."""
+
+    def load_overload(self, *arguments: Any) -> Any:
+        try:
+            return super().load_overload(*arguments)
+        except Exception as error:  # a damaged pickle may raise anything
+            raise RuntimeError(
+                f"compiled kernels in {CACHE} are damaged ({error}); remove that folder"
+            ) from error
+
+    def save_overload(self, *arguments: Any) -> None:
+        try:
+            super().save_overload(*arguments)
+        except OSError:
+            _warn_of_no_cache()
+
+
+def _kept_code(function: Callable[..., Any]) -> FunctionCache | NullCache:
+    """The cache of a function in CACHE. Where that cannot be written numba would choose a folder
+    without a stamp, so nothing is kept then."""
+    users, config.CACHE_DIR = config.CACHE_DIR, str(CACHE)
+    try:
+        kept = _KeptCode(function)
+        if CACHE in Path(kept.cache_path).parents:
+            return kept
+    except RuntimeError:  # numba found no folder at all
+        pass
+    finally:
+        config.CACHE_DIR = users
+    _warn_of_no_cache()
+    return NullCache()
+
+
+@cache
+def _warn_of_no_cache() -> None:
+    warnings.warn(
+        f"compiled kernels cannot be kept in {CACHE}, so each start compiles them, which takes a "
+        "minute; set NUMBA_CACHE_DIR to a folder that can be written",
+        UserWarning,
+        stacklevel=2,
+    )
 
 
 def _compiled(function: Kernel, *liberties: str) -> Kernel:
     options = {"fastmath": set(liberties), "error_model": "numpy", "nogil": True}
-    try:
-        dispatcher = njit(cache=True, **options)(function)
-    except RuntimeError as error:  # no folder can be written
-        _cannot_keep(str(error))
-        return njit(**options)(function)
-    _keep(dispatcher._cache)
+    dispatcher = njit(no_cfunc_wrapper=True, **options)(function)
+    dispatcher._cache = _kept_code(function)
     return dispatcher
-
-
-def _keep(cache: Any) -> None:
-    """Keep compiled code under names of its own for these sources: what others left is not even
-    looked at, because it may name what is no longer there. What is damaged is compiled anew."""
-    file = cache._cache_file
-    base = file._index_name.removesuffix(".nbi")
-    file._source_stamp = _STAMP
-    file._index_name = f"{base}.{_STAMP[:12]}.nbi"
-    file._index_path = str(Path(file._cache_path) / file._index_name)
-    file._data_name_pattern = f"{base}.{_STAMP[:12]}.{{number:d}}.nbc"
-    dump, load, save = file._dump, cache.load_overload, cache.save_overload
-
-    def dump_with_digest(what: Any) -> bytes:  # behind the end of a pickle, which ends itself
-        data = dump(what)
-        return data + sha256(data).digest()
-
-    def load_data(name: str) -> Any:
-        data = Path(file._data_path(name)).read_bytes()
-        if sha256(data[:-DIGEST]).digest() != data[-DIGEST:]:
-            raise ValueError("its digest is another one")
-        return pickle.loads(data)
-
-    def load_overload(*arguments: Any) -> Any:
-        try:
-            return load(*arguments)
-        except Exception as error:  # whatever a damaged pickle comes to
-            Path(file._index_path).unlink(missing_ok=True)
-            _say_once(
-                f"compiled kernels in {file._cache_path} are damaged ({error}); they are compiled "
-                "anew"
-            )
-            return None
-
-    def save_overload(*arguments: Any) -> None:
-        try:
-            save(*arguments)
-        except OSError as error:
-            _cannot_keep(str(error))
-
-    file._dump, file._load_data = dump_with_digest, load_data
-    cache.load_overload, cache.save_overload = load_overload, save_overload
-
-
-def _cannot_keep(reason: str) -> None:
-    _say_once(
-        f"compiled kernels cannot be kept ({reason}), so each start will compile them, a minute "
-        "long; set NUMBA_CACHE_DIR to a folder that can be written"
-    )
-
-
-def _say_once(text: str) -> None:
-    """Warn of what holds for all kernels, for the first of them."""
-    if text[:LIKE] not in _SAID:
-        _SAID.add(text[:LIKE])
-        warnings.warn(text, UserWarning, stacklevel=2)
 
 
 class CFunction:
@@ -156,12 +139,7 @@ class CFunction:
         signature = self._result(*[types.int64] * count)
         options = {"fastmath": {"contract"}, "error_model": "numpy"}
         compiled = CFunc(self._function, (signature.args, signature.return_type), {}, options)
-        try:
-            compiled.enable_caching()
-        except RuntimeError as error:
-            _cannot_keep(str(error))
-        else:
-            _keep(compiled._cache)
+        compiled._cache = _kept_code(self._function)
         compiled.compile()
         self._compiled = compiled  # its code goes with it
         return compiled.ctypes
@@ -254,8 +232,18 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-@inline
-def table(block, i, dtype):
+@intrinsic
+def table(typingctx, block, i, dtype):
     """Table number i of a block: an array of records of a type."""
-    directory = block[:DIRECTORY].view(np.int64)
-    return block[directory[2 * i] : directory[2 * i + 1]].view(dtype)
+    kind = types.Array(dtype.dtype, 1, "C", readonly=True)
+
+    def codegen(context, builder, signature, args):
+        start = make_array(block)(context, builder, args[0]).data
+        directory = builder.bitcast(start, WORD.as_pointer())
+        place = builder.mul(args[1], WORD(2))
+        first = builder.load(builder.gep(directory, [place]))
+        end = builder.load(builder.gep(directory, [builder.add(place, WORD(1))]))
+        count = builder.sdiv(builder.sub(end, first), WORD(kind.dtype.size))
+        return array_of(context, builder, kind, builder.gep(start, [first]), [count])
+
+    return kind(block, types.int64, dtype), codegen

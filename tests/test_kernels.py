@@ -1,9 +1,10 @@
-"""Blocks of tables, and the compiled code that is kept."""
+"""Blocks of tables, and the cache of compiled code."""
 
 import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,39 +45,33 @@ def test_a_block_is_closed_and_its_tables_begin_at_lines_of_the_cache():
     assert ((block.ctypes.data + starts) % 64 == 0).all()
 
 
+def run(folder: Path, code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run Python in a folder whose package `sim` has kernels.py, with a cache in that folder."""
+    (folder / "sim").mkdir(exist_ok=True)
+    for name in ("kernels.py", "addresses.py"):
+        shutil.copy(REPOSITORY / "sim" / name, folder / "sim")
+    variables = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache")} | environment
+    variables["PYTHONPATH"] = str(folder)
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, env=variables)
+
+
 def test_an_edited_kernel_is_compiled_again_in_those_that_call_it(tmp_path):
-    """They stand in other files, which have not changed."""
-    shutil.copy(REPOSITORY / "sim" / "kernels.py", tmp_path)
-    (tmp_path / "above.py").write_text(
-        "from kernels import kernel\nfrom below import value\n\n\n"
+    """They are in another file, which has not changed."""
+    package = tmp_path / "sim"
+    package.mkdir()
+    (package / "above.py").write_text(
+        "from sim.kernels import kernel\nfrom sim.below import value\n\n\n"
         "@kernel\ndef twice():\n    return 2 * value()\n"
     )
 
-    def answer(value: int) -> int:
-        (tmp_path / "below.py").write_text(
-            f"from kernels import kernel\n\n\n@kernel\ndef value():\n    return {value}\n"
+    def answer(value: int) -> str:
+        (package / "below.py").write_text(
+            f"from sim.kernels import kernel\n\n\n@kernel\ndef value():\n    return {value}\n"
         )
-        code = "from above import twice; print(twice())"
-        run = [sys.executable, "-c", code]
-        return int(subprocess.run(run, cwd=tmp_path, capture_output=True, check=True).stdout)
+        return run(tmp_path, "from sim.above import twice; print(twice())").stdout
 
-    assert [answer(21), answer(21), answer(34)] == [42, 42, 68]
-
-
-def test_what_other_sources_left_in_the_cache_is_not_looked_at(tmp_path):
-    """It may name a class that is no more: numba would stumble over it before it looks at dates."""
-    shutil.copy(REPOSITORY / "sim" / "kernels.py", tmp_path)
-    source = (
-        "from typing import NamedTuple\nfrom kernels import kernel\n\n\n"
-        "class {0}(NamedTuple):\n    value: int\n\n\n"
-        "@kernel\ndef twice(pair):\n    return 2 * pair.value\n\n\n"
-        "def run():\n    return twice({0}(21))\n"
-    )
-    for name in ("Pair", "Couple"):
-        (tmp_path / "made.py").write_text(source.format(name))
-        run = [sys.executable, "-c", "from made import run; print(run())"]
-        done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
-        assert done.stdout == "42\n", done.stderr
+    assert [answer(21), answer(21), answer(34)] == ["42\n", "42\n", "68\n"]
 
 
 def test_compiling_is_told_when_it_happens_and_only_then():
@@ -96,65 +91,58 @@ def test_compiling_is_told_when_it_happens_and_only_then():
 
 
 TWICE = (
-    "from kernels import c_query, kernel\n\n\n"
+    "from sim.kernels import c_query, kernel\n\n\n"
     "@kernel\ndef twice(x):\n    return 2 * x\n\n\n"
     "@c_query\ndef thrice(x):\n    return 3 * x\n"
 )
 
 
-def answers(folder, **environment: str) -> tuple[str, list[str]]:
-    """What kernels in a folder answer, and the lines of what they say besides."""
-    shutil.copy(REPOSITORY / "sim" / "kernels.py", folder)
+def answers(folder: Path, **environment: str) -> tuple[str, list[str]]:
+    """What kernels in a folder answer, and the lines of their warnings."""
     (folder / "made.py").write_text(TWICE)
-    run = [sys.executable, "-c", "import made; print(made.twice(21), made.thrice.call(14))"]
-    variables = os.environ | environment
-    done = subprocess.run(run, cwd=folder, capture_output=True, text=True, env=variables)
+    done = run(folder, "import made; print(made.twice(21), made.thrice.call(14))", **environment)
     assert done.returncode == 0, done.stderr
     return done.stdout, [line for line in done.stderr.splitlines() if "Warning" in line]
 
 
-def damage(data: bytes, how: str) -> bytes:
-    if how == "cut":
-        return data[: len(data) // 2]
-    if how == "emptied":
-        return b""
-    middle = len(data) // 2  # of a data file that is machine code, which pickle does not look at
-    return data[:middle] + bytes([data[middle] ^ 0xFF]) + data[middle + 1 :]
+def test_compiled_code_is_kept_in_the_users_cache_folder_only(tmp_path):
+    home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "users"), "NUMBA_CACHE_DIR": ""}
+    assert answers(tmp_path, **home) == ("42 42\n", [])
+    (stamp,) = (tmp_path / "users" / "waterline").iterdir()
+    assert sorted(tmp_path.rglob("*.nbi")) == sorted(stamp.rglob("*.nbi"))
+    assert len(list(stamp.rglob("*.nbc"))) == 2
+    before = {path: path.stat().st_mtime_ns for path in stamp.rglob("*.nb?")}
+    assert answers(tmp_path, **home) == ("42 42\n", [])
+    assert {path: path.stat().st_mtime_ns for path in stamp.rglob("*.nb?")} == before
 
 
-@pytest.mark.parametrize(
-    ("kind", "how"), [("nbi", "emptied"), ("nbc", "cut"), ("nbc", "a byte is another one")]
-)
-def test_damaged_code_is_compiled_anew_with_one_word(kind, how, tmp_path):
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_damaged_code_is_refused_with_the_folder_to_remove(kind, tmp_path):
     assert answers(tmp_path) == ("42 42\n", [])
-    kept = list(tmp_path.rglob(f"*.{kind}"))
-    assert len(kept) == 2
-    for path in kept:
-        path.write_bytes(damage(path.read_bytes(), how))
-    said, warned = answers(tmp_path)
+    for path in tmp_path.rglob(f"*.{kind}"):
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    done = run(tmp_path, "import made; made.twice(21)")
+    (stamp,) = (tmp_path / "cache" / "waterline").iterdir()
+    said = done.stderr.splitlines()[-1]
+    assert said.startswith(f"RuntimeError: compiled kernels in {stamp} are damaged (")
+    assert said.endswith("remove that folder")
+    shutil.rmtree(stamp)
+    assert answers(tmp_path) == ("42 42\n", [])
+
+
+def test_where_no_code_can_be_kept_one_warning_says_so(tmp_path):
+    said, warned = answers(tmp_path, NUMBA_CACHE_DIR="/dev/null/x")
     assert said == "42 42\n"
     assert len(warned) == 1
-    assert "are damaged" in warned[0]
-    assert "compiled anew" in warned[0]
-    assert answers(tmp_path) == ("42 42\n", [])
-
-
-def test_where_no_code_can_be_kept_one_word_says_so(tmp_path):
-    (tmp_path / "__pycache__").write_text("in the way of a folder")
-    nowhere = {name: "/dev/null/x" for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR")}
-    said, warned = answers(tmp_path, **nowhere)
-    assert said == "42 42\n"
-    assert len(warned) == 1
-    assert "compiled kernels cannot be kept" in warned[0]
+    assert "compiled kernels cannot be kept in /dev/null/x/waterline/" in warned[0]
     assert "set NUMBA_CACHE_DIR to a folder that can be written" in warned[0]
+    assert not list(tmp_path.rglob("*.nb?"))
 
 
-def test_a_disk_that_is_full_keeps_no_code_and_says_so(tmp_path):
-    """Files may grow to a few bytes only, as on a disk that has no more room."""
+def test_a_full_disk_keeps_no_code_and_says_so(tmp_path):
+    """Files may grow to a few bytes only, as on a full disk."""
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))\n"
-    shutil.copy(REPOSITORY / "sim" / "kernels.py", tmp_path)
     (tmp_path / "made.py").write_text(limit + TWICE)
-    run = [sys.executable, "-B", "-c", "import made; print(made.twice(21))"]
-    done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
+    done = run(tmp_path, "import made; print(made.twice(21))", PYTHONDONTWRITEBYTECODE="1")
     assert (done.returncode, done.stdout) == (0, "42\n"), done.stderr
-    assert done.stderr.count("cannot be kept ([Errno 27] File too large)") == 1
+    assert done.stderr.count("compiled kernels cannot be kept") == 1

@@ -27,7 +27,6 @@ from sim.plugin.layout import (
     picture_offsets,
 )
 from sim.plugin.memory import WORD, floats_at, function_address, mujoco_library, word_at
-from sim.plugin.picture import PICTURE
 from sim.resistance.drag import SURFACE
 from sim.resistance.reaction import HULL, hull_row
 
@@ -145,7 +144,8 @@ class Context:
         """Drag (B, 6) of all bodies, about their centres of mass, from the hulls' wrenches."""
         found = np.zeros((len(self.bodies), 6))
         if self.has_resistance:
-            native.drags(self.address, model._address, data._address, wrenches, found)
+            places = wrenches.ctypes.data, found.ctypes.data
+            native.resist_at.call(self.address, model._address, data._address, *places, 1)
         return found
 
 
@@ -247,7 +247,7 @@ def _hull_table(floats: Sequence[FloatingGeom]) -> Table:
 
 
 def _picture_table(what: Floating) -> Table:
-    row = np.zeros(1, PICTURE)
+    row = np.zeros(1, native.PICTURE)
     if what.is_drawn:
         row["length"] = max(float(np.ptp(f.method.hull.bounds, axis=0).max()) for f in what.floats)
     row["init_geom"] = function_address(mujoco_library(), "mjv_initGeom")

@@ -13,16 +13,16 @@ there along the world's axes; above the surface that of the surface.
 import numpy as np
 
 from sim.addresses import float_at, floats_at, integer_at, integers_at, word_at
-from sim.kernels import c_function, kernel, table
+from sim.kernels import c_function, kernel
 from sim.plugin.native import (
-    block_of,
     context_at,
     home_of,
     lower_half,
     model_array,
+    tables_of,
     water_instance,
 )
-from sim.water.gerstner import LABELS, WATER, WAVE, level_and_rise, set_labels, solve_labels
+from sim.water.gerstner import LABELS, ONE, level_and_rise, set_labels, solve_labels
 from sim.water.head import solve_heads
 from sim.water.motion import MOTION, VELOCITY, water_motion
 
@@ -33,12 +33,13 @@ GAUGED = 5
 @kernel
 def gauge(context, time, place, readings_out):
     """Elevation [m], head [m] and velocity [m/s] of the water, (5,), at a place (3,) [m]."""
-    waves, water = table(block_of(context), 5, WAVE), table(block_of(context), 6, WATER)
+    tables = tables_of(context)
+    waves, water = tables.waves, tables.water
     labels, guess, motion = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, MOTION)
     x, y, z = place[:1].copy(), place[1:2].copy(), place[2:3].copy()
     height, level = np.empty(1), level_and_rise(water[0], time)[0]
     set_labels(x, y, guess)
-    solve_labels(x, y, guess, waves, time, water[0].tolerance, 1, height, labels)
+    solve_labels(x, y, guess, waves, time, water[0].tolerance, ONE, height, labels)
     readings_out[0] = level + height[0]
     solve_heads(x, y, z, waves, water, time, readings_out[1:2])
     height[0] = max(readings_out[0] - z[0], 0.0)  # the depth

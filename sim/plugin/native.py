@@ -24,6 +24,7 @@ from sim.addresses import (
     named_word,
     nanoseconds,
     records_at,
+    rows_at,
     store_word,
     word_at,
     words_at,
@@ -49,8 +50,6 @@ number of hulls; the addresses of the record itself and of its block of tables (
 HULL, SURFACE, WAVE, WATER, PART, PICTURE); the functions that compute the hulls' wrenches, act in a
 step, add resistance, make and factorise M, and free memory; the C library's clock; the number of
 homes that use the context; the table of FIELD rows; MuJoCo's layout."""
-
-CONTEXT_SIZE = CONTEXT.itemsize
 
 HOME = record(
     context="i8", content="i8", memories="i8", refused="i8", calls="i8", nanoseconds="i8",
@@ -99,12 +98,18 @@ degrees of freedom (DOF) that move it, in ascending order; these only where some
 
 DOF = record(index="i8")
 
+PICTURE = record(
+    length="f8", init_geom="i8", triangle="i8", decoration="i8", most="i8", count="i8", geoms="i8",
+    geom_size="i8", category="i8", emission="i8", specular="i8", shininess="i8", shadow="i8",
+)  # fmt: skip
+"""What drawing needs: the length [m] of the longest hull, 0 where nothing is to be drawn;
+mjv_initGeom, mjGEOM_TRIANGLE and mjCAT_DECOR; and offsets: in a scene, of its room, of the number
+of its geoms and of these; the size of a geom, and in it of what is set."""
+
 FIELD = record(pointer="i8", counter="i8", size="i8", optional="i8")
 """An array of a model that hulls and waves are made from: the offset of its pointer and of the
 number of its rows, the size of a row, and whether it matters only where some numeric has a matrix's
 size. A counter of 0 stands for one row that lies in the model itself."""
-
-FIELD_SIZE = FIELD.itemsize
 
 SEAM = np.zeros(7, dtype=np.int64)
 """Where MuJoCo keeps what belongs to plugins, as offsets: in a state the plugins' words, in a model
@@ -128,13 +133,17 @@ MATRIX_SIZES = (6, 36)
 
 
 class Tables(NamedTuple):
-    """A context's block."""
+    """Tables of a context's block: FLOAT, BODY, DOF, HULL, SURFACE, WAVE, WATER, PART, PICTURE."""
 
     floats: NDArray[np.void]
     bodies: NDArray[np.void]
     dofs: NDArray[np.void]
     hulls: NDArray[np.void]
     surfaces: NDArray[np.void]
+    waves: NDArray[np.void]
+    water: NDArray[np.void]
+    parts: NDArray[np.void]
+    picture: NDArray[np.void]
 
 
 class State(NamedTuple):
@@ -146,9 +155,20 @@ class State(NamedTuple):
     turns: Array
 
 
+class Step(NamedTuple):
+    """What resistance is computed from: a context, in a table of one row, with its tables, the
+    addresses of model and data, and the state's frames."""
+
+    contexts: NDArray[np.void]
+    tables: Tables
+    model: int
+    data: int
+    state: State
+
+
 @inline
 def context_at(address):
-    return bytes_at(address, (CONTEXT_SIZE,)).view(CONTEXT)[0]
+    return rows_at(address, 1, CONTEXT)[0]
 
 
 @inline
@@ -156,10 +176,38 @@ def block_of(context):
     return bytes_at(context.block, (context.block_size,))
 
 
+@kernel
+def tables_of(context):
+    block = block_of(context)
+    return Tables(
+        table(block, 0, FLOAT), table(block, 1, BODY), table(block, 2, DOF), table(block, 3, HULL),
+        table(block, 4, SURFACE), table(block, 5, WAVE), table(block, 6, WATER),
+        table(block, 7, PART), table(block, 8, PICTURE),
+    )  # fmt: skip
+
+
+@kernel
+def state_of(context, data):
+    layout, bodies, geoms = context.layout, context.bodies, context.geoms
+    return State(
+        floats_at(model_array(data, layout.xipos), (bodies, 3)),
+        floats_at(model_array(data, layout.ximat), (bodies, 9)),
+        floats_at(model_array(data, layout.geom_xpos), (geoms, 3)),
+        floats_at(model_array(data, layout.geom_xmat), (geoms, 9)),
+    )
+
+
 @inline
 def model_array(model, offset):
     """Address of an array of a model or a state, whose pointer is at an offset."""
     return word_at(model + offset)
+
+
+@kernel
+def step_of(address, model, data):
+    context = context_at(address)
+    tables, state = tables_of(context), state_of(context, data)
+    return Step(rows_at(address, 1, CONTEXT), tables, model, data, state)
 
 
 # What hulls and waves are made from
@@ -204,7 +252,7 @@ def has_matrices(model, layout):
 def content_of(context, model):
     """A number for all that hulls and waves are made from (FIELD rows) in a model, a whole one that
     a double holds."""
-    fields = bytes_at(context.fields, (FIELD_SIZE * context.field_count,)).view(FIELD)
+    fields = rows_at(context.fields, context.field_count, FIELD)
     matrices = has_matrices(model, context.layout)
     found = integer_at(model + context.layout.disableflags) & ~CONTACTS
     for f in range(fields.size):
@@ -223,30 +271,9 @@ def content_of(context, model):
 
 
 @kernel
-def push(context, model, data, wrenches_out):
-    """Wrenches (H, 6) of buoyancy of all hulls, about their geoms' places."""
-    time = float_at(data + context.layout.time)
-    places = floats_at(model_array(data, context.layout.geom_xpos), (context.geoms, 3))
-    turns = floats_at(model_array(data, context.layout.geom_xmat), (context.geoms, 9))
-    parts = table(block_of(context), 7, PART)
-    for p in range(parts.size):
-        part = parts[p]
-        block = bytes_at(part.block, (part.block_size,))
-        items = records_at(part.places, part.count, part.size)
-        call_kernel(part.kernel, block, items, places, turns, time, wrenches_out)
-    floats = table(block_of(context), 0, FLOAT)
-    for f in range(floats.size):
-        if not is_known(places[floats[f].geom], turns[floats[f].geom], time):
-            wrenches_out[floats[f].hull] = np.nan
-
-
-@kernel
-def add_up(context, data, wrenches, totals_out):
+def add_up(tables, state, wrenches, totals_out):
     """Sum up the hulls' wrenches (H, 6) over their bodies (B, 6), about the centres of mass."""
-    block, layout = block_of(context), context.layout
-    floats, bodies = table(block, 0, FLOAT), table(block, 1, BODY)
-    centres = floats_at(model_array(data, layout.xipos), (context.bodies, 3))
-    places = floats_at(model_array(data, layout.geom_xpos), (context.geoms, 3))
+    floats, bodies, centres, places = tables.floats, tables.bodies, state.centres, state.places
     for b in range(bodies.size):
         i = bodies[b].body
         fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -295,13 +322,12 @@ def keep_earlier(row, state, memory_out):
 
 
 @kernel
-def write_rows(context, data, totals, memories, states):
+def write_rows(context, data, bodies, totals, memories, states):
     """Leave the user's pushes plus the water's wrenches (B, 6) in the bodies' rows of xfrc_applied.
 
     Both are remembered twice, in the home and in the plugin's state, because MuJoCo's states hold
     the latter: FULLPHYSICS without xfrc_applied, INTEGRATION with it.
     """
-    bodies = table(block_of(context), 1, BODY)
     rows = floats_at(model_array(data, context.layout.xfrc_applied), (context.bodies, 6))
     for b in range(bodies.size):
         i, m = bodies[b].body, bodies[b].memory
@@ -311,6 +337,9 @@ def write_rows(context, data, totals, memories, states):
             rows[i, j] = own + totals[b, j]
             memories[m, j], memories[m, 6 + j] = rows[i, j], own
             states[m, j], states[m, 6 + j] = rows[i, j], own
+
+
+# What bodies meet besides the buoyancy of their hulls
 
 
 @kernel
@@ -346,88 +375,74 @@ def add_turned(wrench, arm, rotation, total_out):
 
 
 @inline
-def tables_of(context):
-    block = block_of(context)
-    return Tables(
-        table(block, 0, FLOAT), table(block, 1, BODY), table(block, 2, DOF), table(block, 3, HULL),
-        table(block, 4, SURFACE),
-    )  # fmt: skip
-
-
-@inline
-def state_of(context, data):
-    layout, bodies, geoms = context.layout, context.bodies, context.geoms
-    return State(
-        floats_at(model_array(data, layout.xipos), (bodies, 3)),
-        floats_at(model_array(data, layout.ximat), (bodies, 9)),
-        floats_at(model_array(data, layout.geom_xpos), (geoms, 3)),
-        floats_at(model_array(data, layout.geom_xmat), (geoms, 9)),
-    )
+def arm_from(point, place):
+    """How far a place (3,) is from a point (3,)."""
+    return place[0] - point[0], place[1] - point[1], place[2] - point[2]
 
 
 @kernel
-def set_motion(context, data, body, pose, reaction_out):
+def set_motion(step, body, pose, reaction_out):
     """How a body's hull moves, for its REACTION."""
-    layout, n, dofs = context.layout, context.freedoms, table(block_of(context), 2, DOF)
+    context, data, dofs, r = step.contexts[0], step.data, step.tables.dofs, reaction_out[0]
+    layout, n = context.layout, context.freedoms
     changes = floats_at(model_array(data, layout.cdof_dot), (n, 6))
     speeds = floats_at(model_array(data, layout.qvel), (n,))
-    root = floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))[body.root]
-    velocity = floats_at(model_array(data, layout.cvel), (context.bodies, 6))[body.body]
-    own, arm = np.zeros(6), pose.position - root
+    roots = floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))
+    velocities = floats_at(model_array(data, layout.cvel), (context.bodies, 6))
+    own, arm = np.zeros(6), arm_from(roots[body.root], pose.position)
     for d in range(body.first_dof, body.end_dof):
         i = dofs[d].index
         for j in range(6):
             own[j] += changes[i, j] * speeds[i]
-    twist_at(velocity, arm, pose.rotation, reaction_out[0].velocity)
-    twist_at(own, arm, pose.rotation, reaction_out[0].bias)
+    twist_at(velocities[body.body], arm, pose.rotation, r.velocity[:])
+    twist_at(own, arm, pose.rotation, r.bias[:])
 
 
 @kernel
-def react(context, model, data, body, place, reaction_out):
-    """What a hull, that of a FLOAT's place, meets besides its buoyancy: its REACTION in the geom's
+def react(step, body, pose, number, reaction_out):
+    """What the HULL of a number, at a pose, meets besides its buoyancy: its REACTION in its own
     frame. Returns the rate [1/s] at which it takes angular momentum."""
-    tables, state, block = tables_of(context), state_of(context, data), block_of(context)
-    g, time = tables.floats[place].geom, float_at(data + context.layout.time)
-    timestep = float_at(model + context.layout.timestep)
-    flow = Flow(table(block, 5, WAVE), table(block, 6, WATER), time)
-    pose = Pose(state.places[g], state.turns[g])
-    set_motion(context, data, body, pose, reaction_out)
-    hull = tables.hulls[tables.floats[place].resisted]
+    layout, tables = step.contexts[0].layout, step.tables
+    timestep = float_at(step.model + layout.timestep)
+    flow = Flow(tables.waves, tables.water, float_at(step.data + layout.time))
+    set_motion(step, body, pose, reaction_out)
+    hull = tables.hulls[number]
     fraction = hull_reaction(hull, tables.surfaces, flow, pose, timestep, reaction_out)
     return fraction * hull.rate
 
 
 @kernel
-def decay_spin(context, model, data, body, decay, reaction_out):
-    """The decay of a body's angular momentum at a rate [1/s], as a REACTION in its inertial
-    frame."""
-    inertia = floats_at(model_array(model, context.layout.body_inertia), (context.bodies, 3))
-    spin = floats_at(model_array(data, context.layout.cvel), (context.bodies, 6))[body.body, :3]
-    axes = state_of(context, data).axes[body.body]
-    timestep, r = float_at(model + context.layout.timestep), reaction_out[0]
+def decay_spin(step, body, axes, decay, reaction_out):
+    """The decay of a body's angular momentum at a rate [1/s], as a REACTION in its inertial frame,
+    with such axes (9,)."""
+    layout, count, r = step.contexts[0].layout, step.contexts[0].bodies, reaction_out[0]
+    inertia = floats_at(model_array(step.model, layout.body_inertia), (count, 3))
+    spins = floats_at(model_array(step.data, layout.cvel), (count, 6))
+    timestep = float_at(step.model + layout.timestep)
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
     for k in range(3):
         damping = decay * inertia[body.body, k]
         for i in range(3):
-            r.drag[3 + k] -= damping * axes[3 * i + k] * spin[i]
+            r.drag[3 + k] -= damping * axes[3 * i + k] * spins[body.body, i]
         r.matrix[3 + k, 3 + k] = timestep * damping
 
 
 @kernel
-def add_inertia(context, model, data, body, place, rotation, matrix):
+def add_inertia(step, body, pose, matrix):
     """Add J^T matrix J to MuJoCo's matrix of inertia: matrix (6, 6), its lower triangle, in the
-    frame at a place (3,) with a rotation (9,), of a body.
+    frame of a pose, of a body.
 
     A body alone on a joint along its principal axes has a diagonal there and no place for more.
     What is off the diagonal goes into that, in amounts that leave the sum above the matrix: so
     damping holds at any timestep as the whole matrix does. (Added mass has nothing there: see
     `mjcf`.)
     """
+    context, model, data, dofs = step.contexts[0], step.model, step.data, step.tables.dofs
     layout, n = context.layout, context.freedoms
-    dofs = table(block_of(context), 2, DOF)
     first, size = body.first_dof, body.end_dof - body.first_dof
     axes = floats_at(model_array(data, layout.cdof), (n, 6))
-    arm = place - floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))[body.root]
+    roots = floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))
+    arm = arm_from(roots[body.root], pose.position)
     lengths = integers_at(model_array(model, layout.M_rownnz), (n,))
     starts = integers_at(model_array(model, layout.M_rowadr), (n,))
     entries = floats_at(model_array(data, layout.M), (context.matrix,))
@@ -436,7 +451,7 @@ def add_inertia(context, model, data, body, place, rotation, matrix):
     for a in range(size):
         row = dofs[first + a].index
         last[a] = starts[row] + lengths[row] - 1
-        twist_at(axes[row], arm, rotation, columns[a])
+        twist_at(axes[row], arm, pose.rotation, columns[a])
         for i in range(6):
             for j in range(i):
                 products[a, i] += matrix[i, j] * columns[a, j]
@@ -459,84 +474,64 @@ def add_inertia(context, model, data, body, place, rotation, matrix):
 
 
 @kernel
-def add_reaction(context, model, data, body, place, rotation, reaction, total_out):
-    """Add a REACTION in the frame at a place with a rotation (9,) to a body's wrench and to the
-    matrix of inertia."""
-    state, r = state_of(context, data), reaction[0]
-    arm = place - state.centres[body.body]
-    add_turned(r.drag, arm, rotation, total_out)
-    add_turned(r.inertia, arm, rotation, total_out)
-    add_inertia(context, model, data, body, place, rotation, r.matrix)
-
-
-@kernel
-def resist(context, model, data, wrenches, totals_out):
-    """Add to the bodies' wrenches (B, 6), and to the matrix of inertia, what bodies meet besides
-    the buoyancy of their hulls, `push`'s wrenches (H, 6)."""
-    tables, state = tables_of(context), state_of(context, data)
-    reaction, is_made = np.empty(1, REACTION), False
-    for b in range(tables.bodies.size):
-        body, decay = tables.bodies[b], 0.0
-        i = body.body
-        for f in range(body.first, body.end):
-            g, lift = tables.floats[f].geom, wrenches[tables.floats[f].hull, 2]
-            if tables.floats[f].resisted < 0 or lift == 0.0:  # dry
-                continue
-            if not is_made:  # where the position stage was skipped, ours would else count twice
-                call(context.make_inertia, (model, data))
-                is_made = True
-            decay += react(context, model, data, body, f, reaction)
-            place, turn = state.places[g], state.turns[g]
-            add_reaction(context, model, data, body, place, turn, reaction, totals_out[b])
-        if decay > 0.0:
-            decay_spin(context, model, data, body, decay, reaction)
-            place, turn = state.centres[i], state.axes[i]
-            add_reaction(context, model, data, body, place, turn, reaction, totals_out[b])
-    if is_made:
-        call(context.factor_inertia, (model, data))
-
-
-@kernel
-def add_drag(reaction, arm, rotation, drag_out):
-    """Add the drag of a REACTION in the axes of a rotation (9,), at an arm from the centre of
-    mass."""
-    add_turned(reaction[0].drag, arm, rotation, drag_out)
-
-
-@kernel
-def drags(context_address, model, data, wrenches, drags_out):
-    """Drag alone (B, 6) of all bodies, about their centres of mass, world axes."""
-    context = context_at(context_address)
-    tables, state = tables_of(context), state_of(context, data)
-    reaction = np.empty(1, REACTION)
-    drags_out[:] = 0.0
-    for b in range(tables.bodies.size):
-        body, decay = tables.bodies[b], 0.0
-        centre = state.centres[body.body]
-        for f in range(body.first, body.end):
-            g, lift = tables.floats[f].geom, wrenches[tables.floats[f].hull, 2]
-            if tables.floats[f].resisted >= 0 and lift != 0.0:
-                decay += react(context, model, data, body, f, reaction)
-                add_drag(reaction, state.places[g] - centre, state.turns[g], drags_out[b])
-        if decay > 0.0:
-            decay_spin(context, model, data, body, decay, reaction)
-            add_drag(reaction, centre - centre, state.axes[body.body], drags_out[b])
+def add_reaction(step, body, pose, centre, reaction, only_drag, total_out):
+    """Add a REACTION in the frame of a pose to a body's wrench about its centre of mass (3,) and to
+    the matrix of inertia; only its drag to the wrench alone."""
+    r, arm = reaction[0], arm_from(centre, pose.position)
+    add_turned(r.drag[:], arm, pose.rotation, total_out)
+    if not only_drag:
+        add_turned(r.inertia[:], arm, pose.rotation, total_out)
+        add_inertia(step, body, pose, r.matrix[:])
 
 
 # C functions, with addresses as arguments
 
 
 @c_function
-def resist_at(context, model, data, wrenches, totals):
-    home = context_at(context)
-    bodies = table(block_of(home), 1, BODY).size
-    resist(home, model, data, floats_at(wrenches, (home.hulls, 6)), floats_at(totals, (bodies, 6)))
+def resist_at(address, model, data, wrenches, totals, only_drag):
+    """Add to the bodies' wrenches (B, 6), and to the matrix of inertia, what bodies meet besides
+    the buoyancy of their hulls, `push_at`'s wrenches (H, 6). Or add the drag alone, and that to the
+    wrenches only."""
+    step = step_of(address, model, data)
+    context, tables, state = step.contexts[0], step.tables, step.state
+    lifts = floats_at(wrenches, (context.hulls, 6))
+    found = floats_at(totals, (tables.bodies.size, 6))
+    reaction, is_made = np.empty(1, REACTION), only_drag != 0
+    for b in range(tables.bodies.size):
+        body, decay = tables.bodies[b], 0.0
+        centre, axes = state.centres[body.body], state.axes[body.body]
+        for f in range(body.first, body.end):
+            row = tables.floats[f]
+            if row.resisted < 0 or lifts[row.hull, 2] == 0.0:  # dry
+                continue
+            if not is_made:  # where the position stage was skipped, ours would else count twice
+                call(context.make_inertia, (model, data))
+                is_made = True
+            pose = Pose(state.places[row.geom], state.turns[row.geom])
+            decay += react(step, body, pose, row.resisted, reaction)
+            add_reaction(step, body, pose, centre, reaction, only_drag, found[b])
+        if decay > 0.0:
+            decay_spin(step, body, axes, decay, reaction)
+            add_reaction(step, body, Pose(centre, axes), centre, reaction, only_drag, found[b])
+    if is_made and only_drag == 0:
+        call(context.factor_inertia, (model, data))
 
 
 @c_function
-def push_at(context, model, data, wrenches):
-    what = context_at(context)
-    push(what, model, data, floats_at(wrenches, (what.hulls, 6)))
+def push_at(address, model, data, wrenches):
+    """Wrenches (H, 6) of buoyancy of all hulls, about their geoms' places."""
+    context = context_at(address)
+    tables, state = tables_of(context), state_of(context, data)
+    time, found = float_at(data + context.layout.time), floats_at(wrenches, (context.hulls, 6))
+    for p in range(tables.parts.size):
+        part = tables.parts[p]
+        block = bytes_at(part.block, (part.block_size,))
+        items = records_at(part.places, part.count, part.size)
+        call_kernel(part.kernel, block, items, state.places, state.turns, time, found)
+    for f in range(tables.floats.size):
+        row = tables.floats[f]
+        if not is_known(state.places[row.geom], state.turns[row.geom], time):
+            found[row.hull] = np.nan
 
 
 @c_function
@@ -569,17 +564,18 @@ def act_at(home, model, data, states):
     """All that the plugin does in a step of the state that has this home."""
     context, kept = context_at(word_at(home)), words_at(home, (HOME_SIZE // 8,))
     started = nanoseconds(context.clock, context.clock_number)
-    bodies = table(block_of(context), 1, BODY).size
-    wrenches, totals = np.empty((context.hulls, 6)), np.empty((bodies, 6))
+    tables = tables_of(context)
+    wrenches, totals = np.empty((context.hulls, 6)), np.empty((tables.bodies.size, 6))
     call(context.push, (context.own, model, data, wrenches.ctypes.data))
-    add_up(context, data, wrenches, totals)
+    add_up(tables, state_of(context, data), wrenches, totals)
     if context.resist != 0:
-        arguments = (context.own, model, data, wrenches.ctypes.data, totals.ctypes.data)
-        call(context.resist, arguments)
+        to = totals.ctypes.data
+        call(context.resist, (context.own, model, data, wrenches.ctypes.data, to, 0))
     if kept[REFUSED] != 0:
         totals[:] = np.nan  # MuJoCo gives up such a state
     memories = floats_at(home + HOME_SIZE, (kept[MEMORIES], KEPT))
-    write_rows(context, data, totals, memories, floats_at(states, (kept[MEMORIES], MEMORY)))
+    before = floats_at(states, (kept[MEMORIES], MEMORY))
+    write_rows(context, data, tables.bodies, totals, memories, before)
     kept[CALLS] += 1
     kept[NANOSECONDS] += nanoseconds(context.clock, context.clock_number) - started
 
@@ -711,7 +707,9 @@ def copy_at(to, model, data, instance):
         count = words_at(source, (HOME_SIZE // 8,))[MEMORIES]
         if words_at(target, (HOME_SIZE // 8,))[MEMORIES] == count:
             remembered = floats_at(source + HOME_SIZE, (count * KEPT,))
-            floats_at(target + HOME_SIZE, (count * KEPT,))[:] = remembered
+            copied = floats_at(target + HOME_SIZE, (count * KEPT,))
+            for i in range(copied.size):
+                copied[i] = remembered[i]
 
 
 @c_function

@@ -17,15 +17,9 @@ from sim.addresses import (
     store_single,
     word_at,
 )
-from sim.kernels import c_function, kernel, record, table
-from sim.plugin.native import (
-    BODY,
-    block_of,
-    context_at,
-    home_of,
-    model_array,
-)
-from sim.water.gerstner import WATER, WAVE, level_and_rise, solve_heights
+from sim.kernels import c_function, kernel
+from sim.plugin.native import context_at, home_of, model_array, tables_of
+from sim.water.gerstner import level_and_rise, solve_heights
 
 MOST_CELLS = 56
 """Cells along a side of the grid."""
@@ -46,27 +40,18 @@ SPECULAR, SHININESS, EMISSION = 0.4, 0.6, 0.3
 """What a surface gives back of a light as a highlight, how sharp that is, and what glows by itself:
 a flat facet with a strong highlight would be seen as such."""
 
-PICTURE = record(
-    length="f8", init_geom="i8", triangle="i8", decoration="i8", most="i8", count="i8", geoms="i8",
-    geom_size="i8", category="i8", emission="i8", specular="i8", shininess="i8", shadow="i8",
-)  # fmt: skip
-"""What drawing needs: the length [m] of the longest hull, 0 where nothing is to be drawn;
-mjv_initGeom, mjGEOM_TRIANGLE and mjCAT_DECOR; and offsets: in a scene, of its room, of the number
-of its geoms and of these; the size of a geom, and in it of what is set."""
-
 
 @kernel
-def extent(context, data):
+def extent(context, data, bodies):
     """The middle of all bodies, x and y, and how far [m] they are from it at most."""
-    bodies = table(block_of(context), 1, BODY)
     centres = floats_at(model_array(data, context.layout.xipos), (context.bodies, 3))
     x, y, reach = 0.0, 0.0, 0.0
     for b in range(bodies.size):
         x += centres[bodies[b].body, 0] / bodies.size
         y += centres[bodies[b].body, 1] / bodies.size
     for b in range(bodies.size):
-        place = centres[bodies[b].body]
-        reach = max(reach, np.hypot(place[0] - x, place[1] - y))
+        i = bodies[b].body
+        reach = max(reach, np.hypot(centres[i, 0] - x, centres[i, 1] - y))
     return x, y, reach
 
 
@@ -74,11 +59,10 @@ def extent(context, data):
 def grid(context, data, cells, border, corners_out):
     """Corners (cells + 3, cells + 3, 3) [m] of the grid, and around it those of the border. The
     middle moves by whole cells, so that the triangles stand still."""
-    picture = table(block_of(context), 8, PICTURE)[0]
-    waves, water = table(block_of(context), 5, WAVE), table(block_of(context), 6, WATER)
-    time = float_at(data + context.layout.time)
-    x, y, reach = extent(context, data)
-    half = reach + REACH * picture.length
+    tables, time = tables_of(context), float_at(data + context.layout.time)
+    waves, water = tables.waves, tables.water
+    x, y, reach = extent(context, data, tables.bodies)
+    half = reach + REACH * tables.picture[0].length
     step = 2.0 * half / cells
     x, y = step * np.round(x / step), step * np.round(y / step)
     side = cells + 3
@@ -127,7 +111,7 @@ def draw_at(model, data, option, scene, instance):
     if home == 0:
         return
     context = context_at(word_at(home))
-    picture = table(block_of(context), 8, PICTURE)[0]
+    picture = tables_of(context).picture[0]
     count = integer_at(scene + picture.count)
     room = int(ROOM_SHARE * integer_at(scene + picture.most)) - count
     cells = min(MOST_CELLS, int(np.sqrt(0.5 * max(room, 0))) - 2)

@@ -295,7 +295,17 @@ def _init_gauge(model: int, data: int, instance: int) -> int:
     site = int(mujoco.mjtObj.mjOBJ_SITE)
     if any(n == instance and kind != site for n, kind in zip(instances, kinds, strict=True)):
         return refused(ModelError([f"the plugin '{GAUGE}' needs a site: set objtype=\"site\""]))
+    with _notice_of_compiling():
+        _plugin(GAUGE).compute = gauge_at.address
     return 0
+
+
+@ctypes.CFUNCTYPE(None, WORD, WORD, WORD, WORD, INTEGER)
+def _draw(model: int, data: int, option: int, scene: int, instance: int) -> None:
+    """Draw the first picture, and let the kernel, which is compiled only now, draw the others."""
+    with _notice_of_compiling():
+        _plugin(NAME).visualize = draw_at.address
+    draw_at.call(model, data, option, scene, instance)
 
 
 @ctypes.CFUNCTYPE(None)
@@ -323,6 +333,13 @@ def _movable_bodies(model: int) -> int:
 def _integers_of(model: int, name: str, size: str) -> list[int]:
     """An array of ints of a model, whose size is another field."""
     return integers_at(word_at(model + declared(name)), integers_at(model + declared(size), 1)[0])
+
+
+def _plugin(name: str) -> Plugin:
+    """A plugin as MuJoCo has it."""
+    known = mujoco_library().mjp_getPluginAtSlot
+    known.restype = ctypes.POINTER(Plugin)
+    return known(_slot(name)).contents
 
 
 def _slot(name: str) -> int:
@@ -361,13 +378,10 @@ def _join_kernels() -> None:
     native.SEAM[native.SLOT] = _slot(NAME)
     native.SEAM[native.SLABS] = homes.directory.ctypes.data
     native.SEAM[native.FIND], native.SEAM[native.RENEW] = address_of(_find), address_of(_renew)
-    known = mujoco_library().mjp_getPluginAtSlot
-    known.restype = ctypes.POINTER(Plugin)
-    plugin = known(_slot(NAME)).contents
+    plugin = _plugin(NAME)
     plugin.reset, plugin.compute = native.reset_at.address, native.compute_at.address
     plugin.copy, plugin.destroy = native.copy_at.address, native.destroy_at.address
-    plugin.visualize = draw_at.address
-    known(_slot(GAUGE)).contents.compute = gauge_at.address
+    plugin.visualize = address_of(_draw)
 
 
 @atexit.register

@@ -477,12 +477,19 @@ def add_damping(surface, strength, work, factor, damping_out):
 def solve_elements(surface, strength, flow, work, labels_out):
     """Heights of the water above the elements and the LABELS there, and then their depths and wet
     areas; returns the sum of these."""
-    e, guess = work[0], np.empty(1, LABELS)
-    residual, steps = strength.residual, strength.steps
-    set_labels(e.x, e.y, guess)
-    solve_labels(e.x, e.y, guess, flow.waves, flow.time, residual, steps, e.height, labels_out)
+    e, guess, residual, steps = work[0], np.empty(1, LABELS), strength.residual, strength.steps
+    x, y, heights = e.x[:], e.y[:], e.height[:]
+    set_labels(x, y, guess)
+    solve_labels(x, y, guess, flow.waves, flow.time, residual, steps, heights, labels_out)
     level, _ = level_and_rise(flow.water[0], flow.time)
     return wet_areas(surface, level, work)
+
+
+@kernel
+def element_motion(order, flow, work, labels, motion_out):
+    """The MOTION of the water, of an order, at the elements; from elements that are solved."""
+    depths = work[0].depth[:]
+    water_motion(order, depths, flow.waves, flow.water, flow.time, labels, motion_out)
 
 
 @kernel
@@ -505,6 +512,6 @@ def write_drag(block, position, rotation, velocity, time, wrench_out):
     wrench_out[:] = 0.0
     place_elements(surface[0], pose, work)
     if solve_elements(surface[0], strength[0], flow, work, labels) > 0.0:
-        water_motion(VELOCITY, work[0].depth, flow.waves, flow.water, flow.time, labels, motion)
+        element_motion(VELOCITY, flow, work, labels, motion)
         relative_velocities(surface[0], rotation, velocity, motion, work)
         add_hull_drag(surface[0], strength[0], 1.0, work, wrench_out, damping)

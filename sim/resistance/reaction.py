@@ -32,6 +32,7 @@ from sim.resistance.drag import (
     WORK,
     Drag,
     add_hull_drag,
+    element_motion,
     place_elements,
     relative_velocities,
     solve_elements,
@@ -40,7 +41,7 @@ from sim.resistance.drag import (
 )
 from sim.resistance.rigid_fit import fit_matrix, fit_motion
 from sim.water.gerstner import LABELS
-from sim.water.motion import ACCELERATION, MOTION, VELOCITY, water_motion
+from sim.water.motion import ACCELERATION, MOTION, VELOCITY
 
 HULL = record(
     surface="i8", has_drag="i8", has_added_mass="i8", has_damping="i8", strength=STRENGTH,
@@ -107,8 +108,9 @@ def subtract_turning(velocity, water, rate_out):
 @kernel
 def add_added_mass(fraction, growth, factor, hull, reaction_out):
     """Add a hull's added mass. growth [1/s]: of the submerged fraction."""
-    r = reaction_out[0]
-    velocity, known, momentum = r.velocity - r.water, r.pull - r.bias, np.zeros(6)
+    r, velocity, known, momentum = reaction_out[0], np.empty(6), np.empty(6), np.zeros(6)
+    for i in range(6):
+        velocity[i], known[i] = r.velocity[i] - r.water[i], r.pull[i] - r.bias[i]
     subtract_turning(r.velocity, r.water, known)
     for i in range(6):
         for j in range(6):
@@ -142,7 +144,7 @@ def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
     area = solve_elements(surface, strength, flow, work, labels)
     if area == 0.0:
         return 0.0
-    water_motion(VELOCITY, work[0].depth, flow.waves, flow.water, flow.time, labels, motion)
+    element_motion(VELOCITY, flow, work, labels, motion)
     relative_velocities(surface, pose.rotation, r.velocity, motion, work)
     fraction, growth = 1.0, 0.0
     if area < (1.0 - 1e-12) * strength.area:
@@ -151,15 +153,13 @@ def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
             surface, strength.volume, fraction, pose.rotation, r.velocity, work
         )
     if hull.has_drag:
-        add_hull_drag(surface, strength, factor, work, r.drag, r.matrix)
+        add_hull_drag(surface, strength, factor, work, r.drag[:], r.matrix[:])
     if hull.has_added_mass or hull.has_damping:
         lower = np.empty((6, 6))
         fit_matrix(surface, work, lower)
         fit_motion(surface, pose.rotation, work, lower, motion, r.water)
         if hull.has_added_mass:
-            water_motion(
-                ACCELERATION, work[0].depth, flow.waves, flow.water, flow.time, labels, motion
-            )
+            element_motion(ACCELERATION, flow, work, labels, motion)
             fit_motion(surface, pose.rotation, work, lower, motion, r.pull)
             add_added_mass(fraction, growth, factor, hull, reaction_out)
         if hull.has_damping:

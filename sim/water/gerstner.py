@@ -53,6 +53,9 @@ would run point by point, at eight times the cost."""
 
 ROW = ("f8", CHUNK)
 
+ONE = np.int64(1)
+"""For kernels that take a count: they would be compiled once more for Python's 1."""
+
 WAVE = record(
     turns_x="f8", turns_y="f8", turns="f8", frequency="f8",
     amplitude="f8", wavenumber="f8", direction_x="f8", direction_y="f8",
@@ -268,7 +271,7 @@ def safeguarded_steps(x, y, guess_x, guess_y, waves, time, tolerance, labels, su
     best = np.inf
     label_x, label_y, step_x, step_y = 0.0, 0.0, 0.0, 0.0
     for _ in range(SAFEGUARDED_STEPS):
-        wave_sums(1, waves, time, labels, sums)
+        wave_sums(ONE, waves, time, labels, sums)
         rx, ry = x - at.x[0] - p.x[0], y - at.y[0] - p.y[0]
         residual = rx * rx + ry * ry
         if residual < best:
@@ -285,7 +288,7 @@ def safeguarded_steps(x, y, guess_x, guess_y, waves, time, tolerance, labels, su
     if best == np.inf:
         return np.nan, np.nan, np.nan
     at.x[0], at.y[0] = label_x, label_y  # in a fold no step may help: what came nearest
-    wave_sums(1, waves, time, labels, sums)
+    wave_sums(ONE, waves, time, labels, sums)
     return label_x, label_y, p.z[0]
 
 
@@ -372,4 +375,4 @@ def solve_heights(x, y, waves, time, tolerance, heights_out):
         chunk = slice(start, min(start + CHUNK, x.size))
         set_labels(x[chunk], y[chunk], guess)
         heights = heights_out[chunk]
-        solve_labels(x[chunk], y[chunk], guess, waves, time, tolerance, 1, heights, labels)
+        solve_labels(x[chunk], y[chunk], guess, waves, time, tolerance, ONE, heights, labels)

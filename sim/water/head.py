@@ -24,6 +24,7 @@ from sim.kernels import inline, kernel, record
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
+    ONE,
     ROW,
     decay,
     growth,
@@ -88,7 +89,7 @@ def solve_heads(x, y, z, waves, water, time, heads_out):
         end = min(start + CHUNK, x.size)
         px, py, heads = x[start:end], y[start:end], heads_out[start:end]
         filled = set_labels(px, py, guess)
-        solve_labels(px, py, guess, waves, time, water[0].tolerance, 1, heads, labels)
+        solve_labels(px, py, guess, waves, time, water[0].tolerance, ONE, heads, labels)
         for i in range(end - start):  # until here these are the heights
             heads[i] = depth(heads[i], z[start + i] - level)
             depths[i] = heads[i]

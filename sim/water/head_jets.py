@@ -27,6 +27,7 @@ from sim.kernels import inline, kernel, record
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
+    ONE,
     ROW,
     SUMS,
     clear_sums,
@@ -253,7 +254,7 @@ def solve_head_jets(x, y, above, near, waves, time, tolerance, jets_out):
         set_depths(filled, places, near.height[start:end], decayed)
         head_sums(filled, waves, time, labels, sums, higher, decayed)
         if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
-            solve_labels(px, py, labels, waves, time, tolerance, 1, heights, nearer)
+            solve_labels(px, py, labels, waves, time, tolerance, ONE, heights, nearer)
             labels, nearer = nearer, labels
             set_depths(filled, places, heights, decayed)
             head_sums(filled, waves, time, labels, sums, higher, decayed)

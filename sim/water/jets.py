@@ -23,6 +23,7 @@ from sim.kernels import inline, kernel, record
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
+    ONE,
     ROW,
     SUMS,
     add_wave,
@@ -314,7 +315,7 @@ def solve_jets(x, y, near, waves, time, tolerance, jets_out):
         filled = set_labels(near.label_x[start:end], near.label_y[start:end], labels)
         jet_sums(filled, waves, time, labels, sums, higher)
         if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
-            solve_labels(px, py, labels, waves, time, tolerance, 1, found[: px.size], nearer)
+            solve_labels(px, py, labels, waves, time, tolerance, ONE, found[: px.size], nearer)
             labels, nearer = nearer, labels
             jet_sums(filled, waves, time, labels, sums, higher)
         copy_heights(filled, sums, higher, heights)

@@ -5,14 +5,16 @@ depth). Label and depth refer to the surface directly above the point. This is e
 At depth it has a relative error of k a, where little of the motion is left.
 """
 
+import numpy as np
+
 from sim.kernels import kernel, record
 from sim.water.gerstner import ROW, decay, growth, level_and_rise, sine_cosine
 
 MOTION = record(x=ROW, y=ROW, z=ROW)
 """Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points."""
 
-VELOCITY, ACCELERATION = 0, 1
-"""Orders of a motion."""
+VELOCITY, ACCELERATION = np.int64(0), np.int64(1)
+"""Orders of a motion. (For Python's numbers `water_motion` would be compiled twice.)"""
 
 
 @kernel

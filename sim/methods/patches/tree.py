@@ -368,10 +368,13 @@ def _moment_table(nodes: Table, of_leaves: Array) -> Table:
 def add_up(leaf, after, of_leaves, moments_out):
     """Moments (N, 6, M) of all nodes, in the order of a walk, from those of the leaves."""
     for n in range(leaf.size - 1, -1, -1):
-        if leaf[n] >= 0:
-            moments_out[n] = of_leaves[leaf[n]]
-        else:
-            moments_out[n] = moments_out[n + 1] + moments_out[after[n + 1]]
+        for i in range(moments_out.shape[1]):
+            for j in range(moments_out.shape[2]):
+                if leaf[n] >= 0:
+                    moments_out[n, i, j] = of_leaves[leaf[n], i, j]
+                else:
+                    first, second = moments_out[n + 1, i, j], moments_out[after[n + 1], i, j]
+                    moments_out[n, i, j] = first + second
 
 
 def divided(
@@ -402,7 +405,7 @@ def divide(order, starts, centres, corners, numbers, nodes_out, spans_out, first
         while waiting > 0:
             waiting -= 1
             start, end = pending[waiting, 0], pending[waiting, 1]
-            box_of(order[start:end], corners, centres[p], nodes_out, count)
+            set_box(order[start:end], corners, centres[p], nodes_out[count])
             spans_out[count, 0], spans_out[count, 1] = start, end
             nodes_out[count].leaf = -1
             if is_leaf(order[start:end], numbers):
@@ -427,15 +430,16 @@ def divide(order, starts, centres, corners, numbers, nodes_out, spans_out, first
 
 
 @kernel
-def box_of(chosen, corners, centre, nodes_out, n):
-    """The box around triangles, from a patch's centre, into node n."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for t in chosen:
+def set_box(chosen, corners, centre, node):
+    """The box around triangles, from a patch's centre, as a node's."""
+    low, high = np.empty(3), np.empty(3)
+    for x in range(3):
+        low[x], high[x] = np.inf, -np.inf
+    for i in range(chosen.size):
         for c in range(3):
             for x in range(3):
-                value = corners[t, c, x] - centre[x]
+                value = corners[chosen[i], c, x] - centre[x]
                 low[x], high[x] = min(low[x], value), max(high[x], value)
-    node = nodes_out[n]
     node.x, node.half_x = 0.5 * (low[0] + high[0]), 0.5 * (high[0] - low[0])
     node.y, node.half_y = 0.5 * (low[1] + high[1]), 0.5 * (high[1] - low[1])
     node.z, node.half_z = 0.5 * (low[2] + high[2]), 0.5 * (high[2] - low[2])
@@ -447,13 +451,13 @@ def is_leaf(chosen, numbers):
     if chosen.size > LEAF_TRIANGLES:
         return False
     seen, count = np.empty(3 * LEAF_TRIANGLES, np.int64), 0
-    for t in chosen:
+    for t in range(chosen.size):
         for c in range(3):
-            is_new = True
+            number, is_new = numbers[chosen[t], c], True
             for i in range(count):
-                is_new = is_new and seen[i] != numbers[t, c]
+                is_new = is_new and seen[i] != number
             if is_new:
-                seen[count] = numbers[t, c]
+                seen[count] = number
                 count += 1
     return count <= LEAF_VERTICES
 
@@ -480,23 +484,52 @@ def halve(chosen_out, near, corners):
     along = np.empty(count)
     for i in range(count):
         along[i] = middles[i, 0] * axis[0] + middles[i, 1] * axis[1] + middles[i, 2] * axis[2]
-    places = np.argsort(along, kind="mergesort")
-    sorted_first, sorted_last = np.sort(places[:near]), np.sort(places[near:])
-    before = chosen_out.copy()
-    for i in range(near):
-        chosen_out[i] = before[sorted_first[i]]
-    for i in range(count - near):
-        chosen_out[near + i] = before[sorted_last[i]]
+    before, limit = chosen_out.copy(), smallest(along.copy(), near - 1)
+    equal = near  # so many of those at the limit are among the first
+    for i in range(count):
+        equal -= along[i] < limit
+    first, second = 0, near
+    for i in range(count):
+        if along[i] < limit or (along[i] == limit and equal > 0):
+            equal -= along[i] == limit
+            chosen_out[first] = before[i]
+            first += 1
+        else:
+            chosen_out[second] = before[i]
+            second += 1
+
+
+@kernel
+def smallest(values, k):
+    """The value that sorting would put at place k. Changes the order of the values (Hoare 1961)."""
+    low, high = 0, values.size - 1
+    while low < high:
+        pivot, i, j = values[k], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        low, high = i if j < k else low, j if k < i else high
+    return values[k]
 
 
 @kernel
 def widest_axis(spread):
     """The eigenvector (3,) of the largest eigenvalue of a matrix (3, 3), nearly: powers become a
     multiple of the projection onto it."""
-    power = spread.copy()
+    power, scaled = spread.copy(), np.empty((3, 3))
     for _ in range(AXIS_SQUARINGS):
-        largest = max(np.abs(power).max(), 1e-300)
-        scaled = power / largest
+        largest = SMALLEST_DIVISOR
+        for x in range(3):
+            for y in range(3):
+                largest = max(largest, abs(power[x, y]))
+        for x in range(3):
+            for y in range(3):
+                scaled[x, y] = power[x, y] / largest
         for x in range(3):
             for y in range(3):
                 power[x, y] = (
