@@ -141,15 +141,14 @@ def spread_lowest(pairs, label_out):
 
 
 def rotation_matrix(quaternion: Array) -> Array:
-    """Rotation (3, 3), body -> world, of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
+    """Rotations (..., 3, 3), body -> world, of unit quaternions (..., 4) as w, x, y, z."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternion), -1, 0)
+    rows = (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
     )
+    return np.stack([number for row in rows for number in row], axis=-1).reshape(*w.shape, 3, 3)
 
 
 def moved_matrix(matrix: Array, place: Array, rotation: Array) -> Array:

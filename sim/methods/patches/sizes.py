@@ -73,7 +73,7 @@ class Sizes(NamedTuple):
 def default_tolerance(hull: Hull) -> float:
     """The tolerance [m] that a hull has where none is asked for, if it can be kept; of FEW patches
     less."""
-    return min(OF_LENGTH * _length(hull), OF_DEPTH * _depth(hull))
+    return min(OF_LENGTH * hull.length, OF_DEPTH * _depth(hull))
 
 
 def cut(hull: Hull, sea: Sea, tolerance: float | None) -> tuple[Sizes, PatchTree]:
@@ -151,15 +151,11 @@ def _depth(hull: Hull) -> float:
     return float(hull.volume / (0.5 * np.abs(hull.area_vectors).sum(axis=0).max()))
 
 
-def _length(hull: Hull) -> float:
-    return float(np.ptp(hull.bounds, axis=0).max())
-
-
 def _radius_of(hull: Hull, patches: int) -> float:
     """Radius [m] of so many patches: SPREAD discs' area is the hull's, and twice their radii, for
     slender hulls, its length besides."""
     discs = SPREAD / np.pi * float(np.linalg.norm(hull.area_vectors, axis=1).sum())
-    length = _length(hull)
+    length = hull.length
     return (length + np.sqrt(length**2 + 4.0 * patches * discs)) / (2.0 * patches)
 
 
@@ -178,7 +174,7 @@ def _faces(hull: Hull) -> tuple[Array, Array]:
 
 def _shortest_edge(hull: Hull) -> float:
     """Edge [m] of as many triangles as there may be of a hull, to a tenth."""
-    faces, long, short = _faces(hull), _length(hull), 1e-6 * _length(hull)
+    faces, long, short = _faces(hull), hull.length, 1e-6 * hull.length
     while long > 1.1 * short:
         edge = float(np.sqrt(long * short))
         if _triangles(*faces, edge) > MOST_TRIANGLES + 2 * len(hull.faces):
