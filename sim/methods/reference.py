@@ -59,7 +59,7 @@ class Reference(Method):
                 f"the tolerance is {tolerance}; it must be finite and {FINEST:g} or more"
             )
         super().__init__(hull, sea)
-        self.tolerance = float(tolerance)
+        self._tolerance = float(tolerance)
         self.halvings = halvings
         self._area = float(np.linalg.norm(hull.area_vectors, axis=1).sum())
 
@@ -84,7 +84,7 @@ class Reference(Method):
         rates = 2.0 * np.pi * waves["frequency"] * abs(time)
         rates += waves["wavenumber"] * float(np.hypot(*position[:2]))
         noise = eps * float(waves["amplitude"] @ rates) * self._area / self.hull.volume
-        if noise > NOISE * self.tolerance:
+        if noise > NOISE * self._tolerance:
             raise RuntimeError(
                 f"so far off, at {position.tolist()} m and {time:g} s, the waves' phases leave the "
                 f"wrench open to {noise:.1g}; ask for a tolerance of that or for nearer places"
@@ -94,7 +94,7 @@ class Reference(Method):
         """Sum (6,) over - density gravity of the wet part of triangles (N, 3, 3), given in world
         axes from the hull frame's origin."""
         allowed = (
-            0.5 * self.tolerance * self.hull.volume
+            0.5 * self._tolerance * self.hull.volume
         )  # half for the wet, half for the waterline
         heads = water.heads(corners)
         total = np.zeros(6)
@@ -118,7 +118,7 @@ class Reference(Method):
             if len(corners) > MOST_PIECES:
                 break
         raise RuntimeError(
-            f"the wrench did not converge to {self.tolerance:g} of density * gravity * volume in "
+            f"the wrench did not converge to {self._tolerance:g} of density * gravity * volume in "
             f"{self.halvings} halvings or {MOST_PIECES:,} triangles; ask for a larger tolerance"
         )
 
