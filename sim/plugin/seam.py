@@ -11,7 +11,6 @@ import copy
 import ctypes
 import sys
 import traceback
-from _thread import interrupt_main
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
@@ -97,7 +96,7 @@ class _ThreadState(local):
 
     is_reading = False
     is_compiling = False
-    refusal: Exception | None = None
+    refusal: BaseException | None = None
     takes_refusal = False
 
 
@@ -263,9 +262,10 @@ def _init(model: int, data: int, instance: int) -> int:
             states = _word_at(data + declared("plugin_state"))
             states += 8 * _integers_at(starts, instance + 1)[instance]
             word.value = homes.add(data, states, context, content, _memories(model))
-    except KeyboardInterrupt:
-        interrupt_main()
-        return _refused(ModelError(["interrupted"]))
+    except KeyboardInterrupt as interrupt:  # cannot pass through MuJoCo: raised on its other side
+        _refused(ModelError(["interrupted"]))
+        _thread.refusal = interrupt
+        return -1
     except Exception as error:
         return _refused(error)
     return 0
