@@ -32,9 +32,10 @@ class Buoyancy:
         buoyancy.wrenches(data)
 
     sea: what the hulls float in; floats: the hulls; bodies: (B,) ids of their bodies, each once;
-    float_bodies: (H,) for each hull its place in `bodies`; has_resistance: whether any hull has
-    drag or added mass. What it computes, it computes anew from the kinematics as they stand in a
-    state: `mj_step` leaves these one step behind, `mj_kinematics` updates them.
+    float_bodies: (H,) for each hull its place in `bodies`; volumes: (B,) [m^3] of the hulls of each
+    body; has_resistance: whether any hull has drag or added mass. What it computes, it computes
+    anew from the kinematics as they stand in a state: `mj_step` leaves these one step behind,
+    `mj_kinematics` updates them. Methods that take a `push` compute it where it is not given.
     """
 
     def __init__(self, model: mujoco.MjModel, context: Context) -> None:
@@ -47,6 +48,8 @@ class Buoyancy:
         self._geoms = np.array([f.geom for f in self.floats])
         self._rows = np.array([f.body for f in self.floats])
         self._displaced = np.array([f.displaced for f in self.floats])
+        volumes = [f.method.hull.volume for f in self.floats]
+        self.volumes = np.bincount(self.float_bodies, weights=volumes)
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Buoyancy":
@@ -69,11 +72,6 @@ class Buoyancy:
         return tuple(body_label(self.model, b) for b in self.bodies)
 
     @property
-    def takes_tolerance(self) -> bool:
-        """Whether any of the hulls' methods has a tolerance of water height."""
-        return any(f.method.takes_tolerance for f in self.floats)
-
-    @property
     def is_current(self) -> bool:
         """Whether hulls and waves are made from what the model has now. Raises ModelError where
         they cannot be made from that."""
@@ -88,20 +86,24 @@ class Buoyancy:
         """Wall time [s] that this took."""
         return 1e-9 * seam.counted(self.model, data, native.NANOSECONDS)
 
-    def wrenches(self, data: mujoco.MjData) -> Array:
+    def push(self, data: mujoco.MjData) -> Array:
+        """Wrench of every hull, (H, 6) [N, N m], world axes, torque about its geom's position."""
+        return self._context.push(self.model, data)
+
+    def wrenches(self, data: mujoco.MjData, push: Array | None = None) -> Array:
         """Wrench of every hull, (H, 6) [N, N m], world axes, torque about its body's centre of
         mass. Writes nothing."""
-        wrenches = self._context.push(self.model, data)
+        wrenches = self.push(data) if push is None else push.copy()
         arms = data.geom_xpos[self._geoms] - data.xipos[self._rows]
         wrenches[:, 3:] += np.cross(arms, wrenches[:, :3])
         return wrenches
 
-    def submerged_volumes(self, data: mujoco.MjData) -> Array:
+    def submerged_volumes(self, data: mujoco.MjData, push: Array | None = None) -> Array:
         """Volume (H,) [m^3] of each hull below the surface: the vertical force that hydrostatic
         pressure would have, over density * gravity."""
         sea = self.sea
         if sea.pressure == "hydrostatic" or not sea.waves:
-            lifts = self._context.push(self.model, data)[:, 2] / self._displaced
+            lifts = (self.push(data) if push is None else push)[:, 2] / self._displaced
         else:
             lifts = np.empty((len(self.floats), 6))
             for batch in self._still_batches:
@@ -120,7 +122,7 @@ class Buoyancy:
             made.setdefault(id(hull), kind(hull, still))
         return batches_of([replace(f, method=made[id(f.method.hull)]) for f in self.floats], 1)
 
-    def drag_wrenches(self, data: mujoco.MjData) -> Array:
+    def drag_wrenches(self, data: mujoco.MjData, push: Array | None = None) -> Array:
         """Drag on every body of `bodies`, (B, 6) [N, N m], world axes, torque about its centre
         of mass, for the state in `data`: the force of the water's resistance as such, without
         added mass. Zero where the model asks for none. Updates the kinematics; writes no force."""
@@ -129,7 +131,8 @@ class Buoyancy:
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_comPos(self.model, data)
         mujoco.mj_comVel(self.model, data)
-        return self._context.drags(self.model, data, self._context.push(self.model, data))
+        push = self.push(data) if push is None else push
+        return self._context.drags(self.model, data, push)
 
     def pushes(self, data: mujoco.MjData) -> Array:
         """The user's own part of the bodies' rows of xfrc_applied, (B, 6) [N, N m]: the rest is the

@@ -2,17 +2,19 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.mjcf.faults import ModelError, say
 from sim.mjcf.floats import first_state
 from sim.mjcf.notes import notes_about_places
 from sim.scenes.buoyancy import Buoyancy
-from sim.scenes.hydrostatics import notes_about_start
+from sim.scenes.hydrostatics import hydrostatics, notes_about_start
 from sim.scenes.spec import compiled, override, read_spec, with_plugin
 
 
@@ -24,6 +26,18 @@ class Scene:
     model: mujoco.MjModel
     data: mujoco.MjData
     buoyancy: Buoyancy
+
+    @cached_property
+    def rest_heights(self) -> NDArray[np.float64]:
+        """Heights (B,) [m] above the still level at which the origins of the floating bodies rest,
+        found from the state in which they are first asked for. A body that sinks, or that hangs on
+        another, keeps the height that it has in that state."""
+        found = hydrostatics(self, with_gz=False)
+        heights = self.data.xpos[self.buoyancy.bodies, 2].copy()
+        for i, name in enumerate(self.buoyancy.body_names):
+            if name in found and found[name].height_m is not None:
+                heights[i] = found[name].height_m
+        return heights - self.buoyancy.sea.level
 
     @classmethod
     def load(
