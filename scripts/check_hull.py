@@ -8,23 +8,7 @@ one, 1 where it does not take it as it is, 2 on unusable input and where mending
 file cannot be written.
 """
 
-from command_line import (
-    UNUSABLE_INPUT,
-    UNWRITABLE,
-    Parser,
-    check_outputs,
-    check_writable,
-    positive,
-    print_table,
-    refusal,
-    run_script,
-    say_errors,
-    write_json,
-    write_whole,
-)
-
 import argparse
-import sys
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -32,6 +16,18 @@ from pathlib import Path
 import trimesh
 from numpy.typing import NDArray
 
+from command_line import (
+    UNUSABLE_INPUT,
+    Parser,
+    check_outputs,
+    failure,
+    positive,
+    print_table,
+    run_script,
+    say,
+    write_json,
+    write_whole,
+)
 from sim import Hull
 from sim.hulls.repair import Repaired, repair
 from sim.hulls.survey import Survey, read_surface, survey
@@ -54,7 +50,7 @@ SHOWN = 7
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("check_hull.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("file", type=Path, metavar="FILE", help="a mesh: OBJ, STL, PLY, glTF, ...")
     parser.add_argument("--repair", type=Path, metavar="OUT", help="mend it and write it there")
     parser.add_argument(
@@ -77,9 +73,6 @@ def check_files(options: argparse.Namespace) -> None:
             f"{options.repair}: expected a name that ends in {', '.join(WRITTEN)}, which MuJoCo "
             "and others read"
         )
-    if options.repair is not None and not options.repair.parent.is_dir():
-        raise FileNotFoundError(f"there is no folder {options.repair.parent}")
-    check_writable(options.json)
 
 
 def lines_of(found: Survey) -> Iterator[tuple[str, str]]:
@@ -168,20 +161,16 @@ def main(arguments: list[str] | None = None) -> int:
         surface = read_surface(options.file, options.scale)
         before = survey(*surface)
     except (ValueError, OSError) as error:
-        return refusal("check_hull.py", error)
+        return failure(error)
     print(options.file)
     for title, text in lines_of(before):
         print(f"  {title:<24}{text}")
     report, status = {"file": str(options.file), "before": asdict(before)}, 0
-    try:
-        if options.repair is not None:
-            status = _repair(surface, before, options, report)
-        elif before.refusal:
-            status = NOT_AS_IT_IS
-        write_json(options.json, report)
-    except OSError as error:
-        say_errors("check_hull.py", error)
-        return UNWRITABLE
+    if options.repair is not None:
+        status = _repair(surface, before, options, report)
+    elif before.refusal:
+        status = NOT_AS_IT_IS
+    write_json(options.json, report)
     return status
 
 
@@ -195,7 +184,7 @@ def _repair(
     print_repair(before, found, after)
     report |= {"done": found.done, "faults": found.faults, "after": after and asdict(after)}
     for fault in found.faults:
-        print(f"check_hull.py: {options.file}: {fault}", file=sys.stderr)
+        say(f"{options.file}: {fault}")
     if found.faults or found.hull is None:
         return UNUSABLE_INPUT
     export(found.hull, options.repair)

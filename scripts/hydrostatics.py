@@ -7,22 +7,6 @@ as if nothing else held it. Exit status: 0 on success, 2 on unusable input, 4 wh
 written.
 """
 
-from command_line import (
-    UNWRITABLE,
-    Parser,
-    check_drawable,
-    check_outputs,
-    check_writable,
-    loading_notice,
-    notes_said,
-    print_table,
-    refusal,
-    run_script,
-    say_errors,
-    write_json,
-    write_whole,
-)
-
 import argparse
 from pathlib import Path
 from typing import Any
@@ -30,6 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from command_line import (
+    Parser,
+    check_drawable,
+    check_outputs,
+    failure,
+    notes_said,
+    print_table,
+    run_script,
+    write_json,
+    write_whole,
+)
 from sim import Hydrostatics, Scene, hydrostatics
 from sim.mjcf.files import model_files
 from sim.scenes.hydrostatics import trees
@@ -75,7 +70,7 @@ ARMS_EVERY = 15.0
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("hydrostatics.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers there")
     parser.add_argument(
@@ -158,22 +153,17 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check_outputs((options.json, options.figure), model_files(options.scene))
-        with loading_notice(quiet=False), notes_said("hydrostatics.py"):
-            scene = Scene.load(options.scene)
-        check_writable(options.json)
         check_drawable(options.figure)
+        with notes_said():
+            scene = Scene.load(options.scene)
         found = hydrostatics(scene)
     except (ValueError, OSError) as error:
-        return refusal("hydrostatics.py", error)
+        return failure(error)
     print_report(found)
-    try:
-        bodies = {name: h.flat() for name, h in found.items()}
-        write_json(options.json, {"scene": scene.name, "bodies": bodies})
-        if options.figure is not None:
-            draw(scene, found, options.figure)
-    except OSError as error:
-        say_errors("hydrostatics.py", error)
-        return UNWRITABLE
+    bodies = {name: h.flat() for name, h in found.items()}
+    write_json(options.json, {"scene": scene.name, "bodies": bodies})
+    if options.figure is not None:
+        draw(scene, found, options.figure)
     return 0
 
 

@@ -6,14 +6,13 @@
 Needs what scripts/snapshot.py needs.
 """
 
-from command_line import Parser, notes_said, run_script
-
 import tempfile
 from pathlib import Path
 
 from PIL import Image
 from snapshot import main as snapshot
 
+from command_line import Parser, notes_said, run_script
 from sim import Recorder, Scene, simulate
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -43,7 +42,7 @@ IN_README = ("bunny", "trio")
 
 def make_picture(name: str, output: Path) -> int:
     """Record a scene, take its picture and shrink it; return the exit status of snapshot.py."""
-    with notes_said("make_pictures.py", quiet=True):
+    with notes_said(quiet=True):
         scene = Scene.load(MODELS / f"{name}.xml")
     with tempfile.TemporaryDirectory() as folder:
         recording, picture = Path(folder) / "run.rrd", Path(folder) / "picture.png"
@@ -63,7 +62,7 @@ def make_picture(name: str, output: Path) -> int:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = Parser("make_pictures.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(TIMES)}")
     parser.add_argument(
         "--output", type=Path, default=MODELS / "pictures", metavar="FOLDER", help="models/pictures"

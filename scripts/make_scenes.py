@@ -11,12 +11,12 @@ along and down,
 with vertical sides from the waterline up to the deck, here L : B : T = 10 : 1 : 0.625.
 """
 
-from command_line import Parser, at_least, refusal, run_script
-
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from command_line import Parser, at_least, run_script
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 
@@ -127,7 +127,7 @@ def spheres_xml() -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = Parser("make_scenes.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument(
         "--stations",
         type=at_least(2, 10_000),
@@ -140,16 +140,11 @@ def main(arguments: list[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     contents = {"meshes/wigley.obj": wigley_obj(options.stations), "spheres.xml": spheres_xml()}
-    try:
-        for name, text in contents.items():
-            path = options.output / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
-            print(path)
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        return refusal("make_scenes.py", error)
+    for name, text in contents.items():
+        path = options.output / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        print(path)
     return 0
 
 

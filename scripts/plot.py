@@ -5,17 +5,8 @@
 
 It takes a series of run.py or a recording. Needs the extra 'report'.
 
-Exit status: 0 on success, 2 on unusable input, 4 when the disk is full.
+Exit status: 0 on success, 2 on unusable input, 4 when the picture cannot be written.
 """
-
-from command_line import (
-    Parser,
-    check_drawable,
-    check_outputs,
-    refusal,
-    run_script,
-    write_whole,
-)
 
 import argparse
 from pathlib import Path
@@ -24,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from command_line import Parser, check_drawable, check_outputs, failure, run_script, write_whole
 from sim.runs.statistics import spectra
 from sim.runs.tables import read_columns
 
@@ -43,7 +35,7 @@ HEARD = 0.02
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("plot.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("series", type=Path, metavar="FILE", help="of run.py: a series or an .rrd")
     parser.add_argument(
         "--output", type=Path, metavar="FILE.png", help="default: beside the file, as .png"
@@ -148,7 +140,7 @@ def main(arguments: list[str] | None = None) -> int:
         check_drawable(options.output)
         write_whole(options.output, lambda beside: draw(bodies, beside, options.series.stem))
     except (ValueError, OSError) as error:
-        return refusal("plot.py", error)
+        return failure(error)
     print(options.output)
     return 0
 

@@ -6,8 +6,6 @@ volume at the origin and the longest side of its box 1 m. The scans come from tw
 
 from __future__ import annotations
 
-from command_line import UNUSABLE_INPUT, Parser, at_least, run_script
-
 import argparse
 import gzip
 import hashlib
@@ -15,7 +13,6 @@ import io
 import json
 import shutil
 import subprocess
-import sys
 import tarfile
 import tempfile
 import zlib
@@ -26,6 +23,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from command_line import UNUSABLE_INPUT, Parser, at_least, run_script, say
 
 if TYPE_CHECKING:
     from pymeshfix import PyTMesh
@@ -345,7 +344,7 @@ def prepare(name: str, source: Path, output: Path, faces: int | None) -> dict[st
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     """Read the command line."""
-    parser = Parser("prepare_meshes.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument(
         "names", nargs="*", metavar="name", help=f"meshes to make: {' '.join(RECIPES)}; all if none"
     )
@@ -383,7 +382,7 @@ def main(arguments: list[str] | None = None) -> int:
                 for figure, value in prepare(name, source, options.output, options.faces).items():
                     print(f"  {figure:<11}{value}")
     except (PreparationError, OSError) as error:
-        print(f"prepare_meshes.py: {error}", file=sys.stderr)
+        say(error)
         return UNUSABLE_INPUT
     return 0
 

@@ -9,10 +9,8 @@ or in Python:
     series = sim.read_series("recordings/bunny.rrd")
     times, heights = series["height/bunny"]          # [s], [m]
 
-Exit status: 0 on success, 2 on unusable input.
+Exit status: 0 on success, 2 on unusable input, 4 when a file cannot be written.
 """
-
-from command_line import UNUSABLE_INPUT, Parser, check_outputs, run_script, write_whole
 
 import subprocess
 import sys
@@ -20,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from command_line import Parser, check_outputs, failure, run_script, write_whole
 from sim import read_series
 
 MAGIC = b"RRF2"
@@ -55,7 +54,7 @@ def save(path: Path, columns: dict[str, np.ndarray]) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = Parser("read_recording.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("recording", type=Path, metavar="FILE.rrd", help="written by run.py")
     parser.add_argument(
         "--output", type=Path, metavar="FILE.npz", help="write each series there, (2, N)"
@@ -81,8 +80,7 @@ def main(arguments: list[str] | None = None) -> int:
             columns = {name: np.stack(both) for name, both in series.items()}
             write_whole(options.output, lambda beside: save(beside, columns))
     except (OSError, ValueError) as error:
-        print(f"read_recording.py: {str(error).splitlines()[0]}", file=sys.stderr)
-        return UNUSABLE_INPUT
+        return failure(error)
     for name, (times, values) in series.items():
         print(
             f"{name}: {len(times)} values from {times[0]:.3f} to {times[-1]:.3f} s, mean "

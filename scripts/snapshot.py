@@ -5,10 +5,9 @@
 The picture is drawn by the viewer that comes with Rerun, which needs a graphics driver; Debian's
 mesa-vulkan-drivers has one that needs no graphics card. Linux and macOS only.
 
-Exit status: 0 on success, 2 when there is no picture, 130 after Ctrl-C.
+Exit status: 0 on success, 2 when there is no picture, 4 when it cannot be written, 130 after
+Ctrl-C, 143 after SIGTERM.
 """
-
-from command_line import INTERRUPTED, Parser, check_outputs, interruptible, run_script
 
 import argparse
 import math
@@ -24,15 +23,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
-from types import FrameType
-from typing import IO, NoReturn
+from typing import IO
 
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from command_line import Parser, check_outputs, failure, run_script, write_whole
 from sim.recording.reader import reader, whole
-
-NO_PICTURE = 2
 
 TIMELINE = "time"
 """Name of the recording's timeline of simulated seconds."""
@@ -53,7 +50,7 @@ NO_DRIVER = ("No graphics adapter was found", "Failed to get render context")
 """What a viewer says as it ends: no driver at all, or only one for OpenGL that cannot do it."""
 
 
-class SnapshotError(Exception):
+class SnapshotError(ValueError):
     """Why there is no picture and what to do about it, in one line."""
 
 
@@ -76,7 +73,7 @@ def seconds(text: str) -> float:
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("snapshot.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("recording", type=Path, metavar="FILE.rrd", help="written by run.py")
     parser.add_argument(
         "--time", type=seconds, metavar="S", help="simulated seconds (half-way through)"
@@ -134,18 +131,6 @@ def moment(path: Path, wanted: float | None) -> float:
             "give a time between them"
         )
     return min(max(wanted, start), end)
-
-
-def check_writable(path: Path) -> None:
-    """Find out before the work whether a file can be written, and leave everything as it is."""
-    nearest = next(p for p in (path, *path.absolute().parents) if p.exists())
-    if nearest != path and not nearest.is_dir():
-        reason = f"{nearest} is no folder; name another"
-    elif not os.access(nearest, os.W_OK):
-        reason = f"{nearest} may not be written to; name another place"
-    else:
-        return
-    raise SnapshotError(f"cannot write the picture {path}: {reason}")
 
 
 def free_port() -> int:
@@ -270,11 +255,7 @@ def draw(client: ViewerClient, path: Path, time_s: float) -> bytes:
 def take(options: argparse.Namespace) -> None:
     """Make the picture that is asked for and write it."""
     time_s = moment(options.recording, options.time)
-    try:
-        check_outputs([options.output], [options.recording])
-    except ValueError as error:
-        raise SnapshotError(str(error)) from None
-    check_writable(options.output)
+    check_outputs([options.output], [options.recording])
     size = options.width, options.height + TITLE_STRIP
     with whole(options.recording) as recording, viewer(*size, options.timeout) as client:
         picture = draw(client, recording, time_s)
@@ -283,41 +264,17 @@ def take(options: argparse.Namespace) -> None:
         raise SnapshotError(
             f"the viewer drew {image.size} pixels instead of {size}; ask for another size"
         )
-    try:
-        options.output.parent.mkdir(parents=True, exist_ok=True)
-        image.crop((0, TITLE_STRIP, *size)).save(options.output, format="PNG")
-    except OSError as error:
-        raise SnapshotError(f"cannot write the picture {options.output}: {error}") from error
+    image = image.crop((0, TITLE_STRIP, *size))
+    write_whole(options.output, lambda beside: image.save(beside, format="PNG"))
     print(f"{options.output}: {options.recording} at {time_s:.3f} s")
 
 
-@contextmanager
-def ending_in_order() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the block as an exception, so that it ends its viewer."""
-
-    def leave(number: int, frame: FrameType | None) -> NoReturn:
-        raise SystemExit(128 + number)
-
-    former = {number: signal.signal(number, leave) for number in (signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for number, handler in former.items():
-            signal.signal(number, handler)
-
-
 def main(arguments: list[str] | None = None) -> int:
-    """Make the picture asked for; return the exit status."""
     options = parse_arguments(arguments)
     try:
-        with ending_in_order(), interruptible():
-            take(options)
-    except (SnapshotError, OSError) as error:
-        print(f"snapshot.py: {one_line(error)}", file=sys.stderr)
-        return NO_PICTURE
-    except KeyboardInterrupt:
-        print("snapshot.py: interrupted; there is no picture", file=sys.stderr)
-        return INTERRUPTED
+        take(options)
+    except ValueError as error:
+        return failure(error)
     return 0
 
 

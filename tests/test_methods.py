@@ -44,7 +44,7 @@ def test_a_method_from_outside_is_one_class_and_one_entry(monkeypatch):
         ("linear", (Linear, None, "froude-krylov")),
         ("chord:2", (Chord, ("samples", 2), "froude-krylov")),
         ("patches:0.01", (Patches, ("tolerance", 0.01), "froude-krylov")),
-        ("reference:1e-6/hydrostatic", (Reference, ("tolerance", 1e-6), "hydrostatic")),
+        ("reference:1e-6/hydrostatic", (Reference, ("_tolerance", 1e-6), "hydrostatic")),
         ("chord:3:crests", (Chord, ("crests_only", True), "froude-krylov")),
     ],
 )

@@ -13,16 +13,6 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from command_line import (
-    INTERRUPTED,
-    Parser,
-    check_writable,
-    interruptible,
-    print_table,
-    run_script,
-    write_json,
-)
-
 import argparse
 import warnings
 from collections.abc import Iterator
@@ -31,6 +21,16 @@ from typing import Any
 import mujoco
 
 from benchmarks.cases import CASES, attempts
+from command_line import (
+    Parser,
+    Stopped,
+    check_outputs,
+    failure,
+    print_table,
+    progress,
+    run_script,
+    write_json,
+)
 from sim import Scene, simulate
 
 BUNNY = Path(__file__).resolve().parents[2] / "models" / "bunny.xml"
@@ -69,7 +69,7 @@ def drag_cost() -> dict[str, float]:
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("hard_cases.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument(
         "--quick", action="store_true", help="implicitfast only, at 2 and 20 ms; under a minute"
     )
@@ -79,8 +79,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     if not any(options.only in name for name in CASES):
         parser.error(f"no case has '{options.only}' in its name; there are {', '.join(CASES)}")
     try:
-        check_writable(options.json)
-    except OSError as error:
+        check_outputs([options.json], [])
+    except ValueError as error:
         parser.error(str(error))
     return options
 
@@ -109,12 +109,18 @@ def holds(line: dict[str, Any]) -> bool:
     return all(e is not None and e <= line["limit"] for e in errors)
 
 
-def lines(options: argparse.Namespace, results: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Run the cases one by one, add them to the results and make their lines of the table."""
-    for name in CASES:
-        if options.only not in name:
-            continue
-        line = results[name] = run_case(name, options.quick)
+def run_cases(options: argparse.Namespace, results: dict[str, Any]) -> None:
+    """Run the cases one by one and add them to the results."""
+    names = [name for name in CASES if options.only in name]
+    with progress(len(names), "cases") as bar:
+        for name in names:
+            results[name] = run_case(name, options.quick)
+            bar.update(1)
+
+
+def lines(results: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    """The lines of the table."""
+    for name, line in results.items():
         cells = []
         for integrator in line["integrators"].values():
             largest = integrator["largest_stable_timestep"]
@@ -127,34 +133,31 @@ def lines(options: argparse.Namespace, results: dict[str, Any]) -> Iterator[tupl
 def print_cases(options: argparse.Namespace, results: dict[str, Any]) -> None:
     integrators = INTEGRATORS[1:2] if options.quick else INTEGRATORS
     print("largest timestep that holds / error at 2 ms")
-    widths = {"case": max(map(len, CASES)), "limit": 5} | dict.fromkeys(integrators, 15)
-    print_table(("case", "limit", *integrators, "", "expects"), lines(options, results), widths)
+    print_table(("case", "limit", *integrators, "", "expects"), [*lines(results)])
 
 
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     warnings.simplefilter("ignore")  # a diverging run overflows before it is stopped
     results: dict[str, Any] = {}
-    cost, interrupted = None, False
+    cost, status = None, 0
     try:
-        with interruptible():
-            print_cases(options, results)
-            cost = drag_cost()
+        run_cases(options, results)
+        cost = drag_cost()
+    except Stopped as stop:
+        status = failure(stop)
+    print_cases(options, results)
+    if cost is not None:
         print(
             f"\nbunny in three waves: buoyancy {cost['buoyancy_us']:.1f} us, with drag "
             f"{cost['with_drag_us']:.1f} us: drag costs {cost['drag_over_buoyancy']:.2f} of "
             "buoyancy"
         )
-    except KeyboardInterrupt:
-        print("hard_cases.py: interrupted", file=sys.stderr)
-        interrupted = True
     write_json(options.json, {"cases": results, "drag": cost})
     failed = [name for name, line in results.items() if not holds(line)]
     print(f"{len(results) - len(failed)} of {len(results)} cases hold at 2 ms" + ": " * bool(failed)
           + "; ".join(f"{name} fails" for name in failed))  # fmt: skip
-    if interrupted:
-        return INTERRUPTED
-    return 1 if failed else 0
+    return status or (1 if failed else 0)
 
 
 if __name__ == "__main__":

@@ -16,24 +16,6 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from command_line import (
-    INTERRUPTED,
-    Parser,
-    at_least,
-    check_drawable,
-    check_outputs,
-    check_writable,
-    interruptible,
-    notes_said,
-    positive,
-    print_table,
-    progress,
-    refusal,
-    run_script,
-    write_json,
-    write_whole,
-)
-
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -51,6 +33,21 @@ from benchmarks.seas import SEAS, waterline_poses
 from benchmarks.ship import ship_costs
 from benchmarks.sources import DURATION, FALL, error_sources
 from benchmarks.steps import step_costs
+from command_line import (
+    Parser,
+    Stopped,
+    at_least,
+    check_drawable,
+    check_outputs,
+    failure,
+    notes_said,
+    positive,
+    print_table,
+    progress,
+    run_script,
+    write_json,
+    write_whole,
+)
 from labels import labelled_method
 from sim import Hull, Reference
 from sim.water.head import PRESSURES
@@ -103,7 +100,7 @@ def _load(name: str) -> trimesh.Trimesh:
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("speed_vs_error.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("--hulls", nargs="+", choices=HULLS, default=list(HULLS), metavar="HULL",
                         help=f"any of: {' '.join(HULLS)} (all)")  # fmt: skip
     parser.add_argument("--seas", nargs="+", choices=SEAS, default=list(SEAS), metavar="SEA",
@@ -297,7 +294,6 @@ def check_files(options: argparse.Namespace) -> None:
     cube = make_hull("cube")
     for text in options.methods:
         labelled_method(text, cube, SEAS["swell"])
-    check_writable(options.json)
 
 
 def collect(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
@@ -314,11 +310,9 @@ def report_rows(options: argparse.Namespace) -> int:
     rows: list[dict[str, Any]] = []
     status = 0
     try:
-        with interruptible():
-            collect(options, rows)
-    except KeyboardInterrupt:
-        print("speed_vs_error.py: interrupted", file=sys.stderr)
-        status = INTERRUPTED
+        collect(options, rows)
+    except Stopped as stop:
+        status = failure(stop)
     report = {
         "pressure": options.pressure,
         "poses": options.poses,
@@ -396,13 +390,12 @@ def report_random(options: argparse.Namespace) -> int:
     cases: list[RandomCase] = []
     status = 0
     try:
-        with interruptible(), progress(options.random, "cases") as bar:
+        with progress(options.random, "cases") as bar:
             for case in random_cases(options.random, options.seed):
                 cases.append(case)
                 bar.update(1)
-    except KeyboardInterrupt:
-        print("speed_vs_error.py: interrupted", file=sys.stderr)
-        status = INTERRUPTED
+    except Stopped as stop:
+        status = failure(stop)
     tried = len(cases)
     write_json(options.json, {"cases": [asdict(case) for case in cases]})
     cases = [c for c in cases if c.error == c.error]  # others have no reference
@@ -436,12 +429,10 @@ def main(arguments: list[str] | None = None) -> int:
     report = next((r for name, r in REPORTS.items() if getattr(options, name)), report_rows)
     try:
         check_files(options)
-        with notes_said("speed_vs_error.py", quiet=True):  # its scenes are known
-            return report(options)
-    except BrokenPipeError:
-        raise
-    except (ValueError, OSError) as error:
-        return refusal("speed_vs_error.py", error)
+    except ValueError as error:
+        return failure(error)
+    with notes_said(quiet=True):  # its scenes are known
+        return report(options)
 
 
 if __name__ == "__main__":

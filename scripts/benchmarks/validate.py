@@ -11,21 +11,6 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from command_line import (
-    UNWRITABLE,
-    Parser,
-    check_outputs,
-    check_writable,
-    loading_notice,
-    notes_said,
-    print_table,
-    refusal,
-    run_script,
-    say_errors,
-    write_json,
-    write_whole,
-)
-
 import argparse
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -36,6 +21,16 @@ import numpy as np
 
 from benchmarks import validation
 from benchmarks.panel_code import floating_body, radiation, response
+from command_line import (
+    Parser,
+    check_outputs,
+    failure,
+    notes_said,
+    print_table,
+    run_script,
+    write_json,
+    write_whole,
+)
 from sim import Hull
 
 TITLES = ("published", "ours", "unit", "source", "verdict")
@@ -43,7 +38,7 @@ TITLES = ("published", "ours", "unit", "source", "verdict")
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("validate.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument(
         "--quick", action="store_true", help="half a minute: leave out what repeats"
     )
@@ -114,27 +109,21 @@ def main(arguments: list[str] | None = None) -> int:
                 "--panel-code needs capytaine, which is not installed; run: pip install '.[bem]'"
             )
         check_outputs((options.markdown, options.json), [])
-        check_writable(options.markdown)
-        check_writable(options.json)
-    except (ValueError, OSError) as error:
-        return refusal("validate.py", error)
+    except ValueError as error:
+        return failure(error)
     hull = Hull(*make_scenes.wigley())
     if options.panel_code:
         print_panel_code(hull)
         return 0
-    with loading_notice(quiet=False), notes_said("validate.py", quiet=True):  # bars do turn over
+    with notes_said(quiet=True):  # bars do turn over
         found = list(rows(hull, options.quick))
     for titles, table in tables(found):
         print_table(titles, table)
         print()
-    try:
-        if options.markdown is not None:
-            text = markdown(found)
-            write_whole(options.markdown, lambda beside: beside.write_text(text))
-        write_json(options.json, found)
-    except OSError as error:
-        say_errors("validate.py", error)
-        return UNWRITABLE
+    if options.markdown is not None:
+        text = markdown(found)
+        write_whole(options.markdown, lambda beside: beside.write_text(text))
+    write_json(options.json, found)
     return int(any(r["verdict"] != "holds" and not r["is_known_gap"] for r in found))
 
 

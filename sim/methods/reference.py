@@ -65,7 +65,7 @@ class Reference(Method):
                 f"{SMALLEST_TOLERANCE:g} or more"
             )
         super().__init__(hull, sea)
-        self.tolerance = float(tolerance)
+        self._tolerance = float(tolerance)
         self.halvings = halvings
         self._area = float(np.linalg.norm(hull.area_vectors, axis=1).sum())
 
@@ -89,18 +89,18 @@ class Reference(Method):
         rates = 2.0 * np.pi * waves["frequency"] * abs(time)
         rates += waves["wavenumber"] * float(np.hypot(*position[:2]))
         noise = eps * float(waves["amplitude"] @ rates) * self._area / self.hull.volume
-        if noise > NOISE_TOLERANCES * self.tolerance:
+        if noise > NOISE_TOLERANCES * self._tolerance:
             raise RuntimeError(
                 f"at {position.tolist()} m and {time:g} s, round-off of the waves' phases leaves a "
                 f"relative error of {noise:.1g} in the wrench, above the tolerance "
-                f"{self.tolerance:g}; use a larger tolerance or a position and time nearer to 0"
+                f"{self._tolerance:g}; use a larger tolerance or a position and time nearer to 0"
             )
 
     def _integrate(self, water: "_Water", corners: Array) -> Array:
         """Sum (6,) over - density gravity of the wet surface of triangles (N, 3, 3), given in world
         axes from the hull frame's origin."""
         allowed = (
-            0.5 * self.tolerance * self.hull.volume
+            0.5 * self._tolerance * self.hull.volume
         )  # half for the wet, half for the waterline
         heads = water.heads(corners)
         total = np.zeros(6)
@@ -124,7 +124,7 @@ class Reference(Method):
             if len(corners) > MOST_PIECES:
                 break
         raise RuntimeError(
-            f"the wrench did not converge to {self.tolerance:g} of density * gravity * volume in "
+            f"the wrench did not converge to {self._tolerance:g} of density * gravity * volume in "
             f"{self.halvings} halvings or {MOST_PIECES:,} triangles; use a larger tolerance"
         )
 

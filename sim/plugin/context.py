@@ -249,7 +249,7 @@ def _hull_table(floats: Sequence[FloatingGeom]) -> Table:
 def _picture_table(what: Floating) -> Table:
     row = np.zeros(1, native.PICTURE)
     if what.is_drawn:
-        row["length"] = max(float(np.ptp(f.method.hull.bounds, axis=0).max()) for f in what.floats)
+        row["length"] = max(f.method.hull.length for f in what.floats)
     row["init_geom"] = function_address(mujoco_library(), "mjv_initGeom")
     row["triangle"] = int(mujoco.mjtGeom.mjGEOM_TRIANGLE)
     row["decoration"] = int(mujoco.mjtCatBit.mjCAT_DECOR)

@@ -11,7 +11,6 @@ import atexit
 import copy
 import ctypes
 import sys
-from _thread import interrupt_main
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
@@ -235,9 +234,10 @@ def _init(model: int, data: int, instance: int) -> int:
             states = word_at(data + declared("plugin_state"))
             states += 8 * integers_at(starts, instance + 1)[instance]
             word.value = homes.add(data, states, context, content, _movable_bodies(model))
-    except KeyboardInterrupt:
-        interrupt_main()
-        return refused(ModelError(["interrupted"]))
+    except KeyboardInterrupt as interrupt:  # cannot pass through MuJoCo, so it is raised behind it
+        refused(ModelError(["interrupted"]))
+        thread.refusal = interrupt
+        return -1
     except Exception as error:
         return refused(error)
     return 0

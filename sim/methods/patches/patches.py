@@ -128,8 +128,6 @@ class Patches(Compiled):
     larger errors where a wave is shorter than a patch.
     """
 
-    takes_tolerance = True
-
     def __init__(self, hull: Hull, sea: Sea, tolerance: float | None = None) -> None:
         if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
             raise ValueError(

@@ -77,7 +77,7 @@ class Sizes(NamedTuple):
 
 def default_tolerance(hull: Hull) -> float:
     """Default tolerance [m] of a hull, if it can be kept. With FEW_PATCHES it is smaller."""
-    return min(LENGTH_SHARE * _length(hull), DEPTH_SHARE * _depth(hull))
+    return min(LENGTH_SHARE * hull.length, DEPTH_SHARE * _depth(hull))
 
 
 def cut(hull: Hull, sea: Sea, tolerance: float | None) -> tuple[Sizes, PatchTree]:
@@ -158,15 +158,11 @@ def _depth(hull: Hull) -> float:
     return float(hull.volume / (0.5 * np.abs(hull.area_vectors).sum(axis=0).max()))
 
 
-def _length(hull: Hull) -> float:
-    return float(np.ptp(hull.bounds, axis=0).max())
-
-
 def _radius_of(hull: Hull, patches: int) -> float:
     """Radius [m] at which a hull has a number of patches: DISC_COVERAGE times its area over the
     area of a disc, plus its length over the radius, which counts for slender hulls."""
     discs = DISC_COVERAGE / np.pi * float(np.linalg.norm(hull.area_vectors, axis=1).sum())
-    length = _length(hull)
+    length = hull.length
     return (length + np.sqrt(length**2 + 4.0 * patches * discs)) / (2.0 * patches)
 
 
@@ -185,7 +181,7 @@ def _faces(hull: Hull) -> tuple[Array, Array]:
 
 def _shortest_edge(hull: Hull) -> float:
     """Edge [m] at which a hull has the maximum number of triangles, to a tenth."""
-    faces, long, short = _faces(hull), _length(hull), 1e-6 * _length(hull)
+    faces, long, short = _faces(hull), hull.length, 1e-6 * hull.length
     while long > 1.1 * short:
         edge = float(np.sqrt(long * short))
         if _triangles(*faces, edge) > MOST_TRIANGLES + 2 * len(hull.faces):
