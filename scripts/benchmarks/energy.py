@@ -11,10 +11,10 @@ def potential_energy(scene: Scene) -> float:
 
     The energy of the water is density * g times the integral of the depth over the submerged
     volume. By Gauss's theorem that integral equals the integral of -depth^2 / 2 n_z over the wet
-    surface. Over a triangle with depths a, b, c the integral of depth^2 is area (a^2 + b^2 + c^2 +
-    ab + bc + ca) / 6. Where the surface cuts the triangle, so that a corner with depth d lies on
-    one side and corners with depths e and f on the other, the corner's share is area d^4 / (6 (d -
-    e) (d - f)).
+    surface. Over a triangle with depths a, b, c the integral of depth^2 is
+        area (a^2 + b^2 + c^2 + ab + bc + ca) / 6.
+    Where the surface separates a corner with depth d from corners with depths e and f, the share of
+    that corner is area d^4 / (6 (d - e) (d - f)).
     """
     model, data, sea = scene.model, scene.data, scene.buoyancy.sea
     total = float(model.body_mass @ (data.xipos[:, 2] - sea.level)) * sea.gravity

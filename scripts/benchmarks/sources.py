@@ -87,24 +87,16 @@ def _path_rows(scene: Path) -> list[dict[str, Any]]:
         "timestep 2 ms": (plain, true_time),
         "timestep 1 ms": (_path(scene, Linear, 1e-3), true_time),
         "timestep 0.5 ms": (_path(scene, Linear, 5e-4), true_time),
-        "linear on 3,674 faces, not 58,784": (
-            plain,
-            _path(scene, lambda hull, sea: Linear(_refined(hull), sea)),
-        ),
-        "chord:4 instead of linear": (_path(scene, Chord), plain),
-        "2 Newton steps for an elevation": (
-            _path(scene, lambda hull, sea: Customary(hull, sea, 2)),
-            plain,
-        ),
-        "single precision": (
-            _path(scene, lambda hull, sea: Customary(hull, sea, CONVERGED_STEPS, np.float32)),
-            plain,
-        ),
-        "hydrostatic instead of decaying pressure": (
-            plain,
-            _path(scene, Linear, pressure="froude-krylov"),
-        ),
     }
+    methods: dict[str, Callable[[Hull, Sea], Method]] = {
+        "linear on 3,674 faces, not 58,784": lambda hull, sea: Linear(_refined(hull), sea),
+        "chord:4 instead of linear": Chord,
+        "2 Newton steps for an elevation": lambda hull, sea: Customary(hull, sea, 2),
+        "single precision": lambda *given: Customary(*given, CONVERGED_STEPS, np.float32),
+    }
+    cases |= {name: (_path(scene, make), plain) for name, make in methods.items()}
+    decaying = _path(scene, Linear, pressure="froude-krylov")
+    cases["hydrostatic instead of decaying pressure"] = plain, decaying
     rows = []
     for name, (path, other) in cases.items():
         off = np.abs(path - other)

@@ -311,7 +311,7 @@ def collect(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
 
 
 def report_rows(options: argparse.Namespace) -> int:
-    """Measure, write, print and draw rows; after Ctrl-C only the finished ones. Return the status."""
+    """Measure, write, print and draw rows (after Ctrl-C the finished ones); return the status."""
     rows: list[dict[str, Any]] = []
     status = 0
     try:

@@ -35,8 +35,7 @@ WIGLEY_INERTIA = (455.6, 17795.0, 17795.0)
 WIGLEY_ADDED_MASS = ((52.76, 0.0, 554.67), (0.0, 1881.98, 0.0), (554.67, 0.0, 10654.06))
 WIGLEY_DAMPING = ((149.59, 0.0, 1810.14), (0.0, 6629.17, 0.0), (1810.14, 0.0, 22351.99))
 """Added mass [kg, kg m, kg m^2] and damping [N s/m, N s, N m s] of the Wigley hull in surge, heave
-and pitch about its centre of mass, in a wave of the hull's length. They are used for all
-wavelengths."""
+and pitch about its centre of mass, in a wave of its own length; used for all wavelengths."""
 
 WIGLEY_RESPONSES = {
     3.0: (0.901, 0.984), 2.0: (0.783, 0.918), 1.5: (0.629, 0.820), 1.2: (0.462, 0.694),
@@ -45,20 +44,18 @@ WIGLEY_RESPONSES = {
 """By wavelength over hull length: heave [m/m] and pitch [rad over k a] of a hull free in both."""
 
 LINEAR_METHOD = '<text name="buoyancy_method" data="linear"/>'
-"""The default tolerance of patches, 1/400 of the hull's length, exceeds the height of small
-waves."""
+"""Patches with the default tolerance, 1/400 of the hull's length, miss waves this small."""
 
 SPHERE_ADDED_MASS, SPHERE_DAMPING = 0.4325, 91.0e3
-"""Added mass over mass, and damping [N s/m], of the sphere of OES Task 10 at its natural
-frequency."""
+"""Added mass over mass, and damping [N s/m] in water of 1000 kg/m^3, of the sphere of OES Task 10
+at its natural frequency."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """A quantity with its unit, the source of its expected value, and the bounds within which it
-    holds.
+    """A quantity, its unit, and the source and bounds of its expected value.
 
-    known_gap: why the quantity is known to miss the bounds; empty if it must hold.
+    known_gap: why the quantity is known to miss the bounds; empty if it must be within them.
     """
 
     group: str
@@ -171,10 +168,9 @@ def _box(size: str, density: float) -> str:
     )
 
 
-OES_SPHERE = """<body name="sphere">{}<geom name="hull" size="5"/>
-  <inertial pos="0 0 -2" mass="{mass}" diaginertia="1e6 1e6 1e6"/></body>""".replace(
-    "{mass}", f"{DENSITY * np.pi * 250.0 / 3.0:.6f}"
-)
+SPHERE_MASS = DENSITY * np.pi * 250.0 / 3.0  # [kg]
+OES_SPHERE = f"""<body name="sphere">{{}}<geom name="hull" size="5"/>
+  <inertial pos="0 0 -2" mass="{SPHERE_MASS:.6f}" diaginertia="1e6 1e6 1e6"/></body>"""
 """The sphere of OES Task 10, half submerged in sea water; the joint is to be filled in."""
 
 
@@ -198,9 +194,8 @@ def _pressures(wigley: Hull) -> Iterator[Check]:
 
     def pressed(hull: Hull, length: float, position: Array, axis: int) -> Callable[[], float]:
         wave = Wave(SMALL_AMPLITUDE, length)
-        fine = (
-            partial(Patches, tolerance=1e-3 * SMALL_AMPLITUDE) if len(hull.faces) < 100 else Linear
-        )
+        patches = partial(Patches, tolerance=1e-3 * SMALL_AMPLITUDE)
+        fine = patches if len(hull.faces) < 100 else Linear
         return lambda: float(first_harmonic(fine(hull, Sea([wave])), wave, position)[axis])
 
     centre = np.array(WIGLEY_CENTRE)
@@ -290,9 +285,8 @@ class _Once:
 
 def _decay(height: float) -> tuple[float, float, float, float]:
     """First trough and second peak, relative to the initial height [m], and their times [s]."""
-    mass = DENSITY * np.pi * 250.0 / 3.0
     added, damping = np.zeros(36), np.zeros(36)
-    added[14], damping[14] = SPHERE_ADDED_MASS * mass, SPHERE_DAMPING * DENSITY / 1000.0
+    added[14], damping[14] = SPHERE_ADDED_MASS * SPHERE_MASS, SPHERE_DAMPING * DENSITY / 1000.0
     custom = "".join(
         f'<numeric name="{name}" data="{" ".join(map(str, matrix))}"/>'
         for name, matrix in (("added_mass", added), ("damping", damping))
@@ -337,14 +331,11 @@ def wigley_response(wigley: Hull, ratio: float, amplitude: float = 0.02) -> tupl
     omega = np.sqrt(GRAVITY * wave.wavenumber)
     matrices = np.zeros((2, 6, 6))
     matrices[:, [[0], [2], [4]], [0, 2, 4]] = WIGLEY_ADDED_MASS, WIGLEY_DAMPING
-    custom = (
-        LINEAR_METHOD + f'<numeric name="wave_head" data="{amplitude} {wave.wavelength} 180 0"/>'
-    )
-    custom += "".join(
+    custom = f'<numeric name="wave_head" data="{amplitude} {wave.wavelength} 180 0"/>' + "".join(
         f'<numeric name="{name}" data="{" ".join(map(str, m.ravel()))}"/>'
         for name, m in zip(("added_mass", "damping"), matrices, strict=True)
     )
-    scene = scene_of("heave and pitch", custom, 'timestep="0.01"', wigley)
+    scene = scene_of("heave and pitch", LINEAR_METHOD + custom, 'timestep="0.01"', wigley)
     period = 2.0 * np.pi / omega
     track = np.array(
         [(s.time, *scene.data.qpos[:2]) for s in simulate(scene, 14.0 + 3.0 * period, 30.0)]
