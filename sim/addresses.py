@@ -154,8 +154,7 @@ def call(typingctx, address, arguments):
 
 @intrinsic
 def nanoseconds(typingctx, address, number):
-    """Nanoseconds on a clock: `address` is that of the C library's clock_gettime, `number` the
-    clock."""
+    """Read clock `number` [ns] by the C library's clock_gettime, which is at an address."""
 
     def codegen(context, builder, signature, args):
         fields = cgutils.alloca_once(builder, WORD, size=2)
@@ -185,8 +184,7 @@ def call_kernel(typingctx, address, block, items, positions, rotations, time, ro
 
 @intrinsic
 def records_at(typingctx, address, count, size):
-    """An array of `count` records of `size` bytes for `call_kernel`, whose kernel knows their
-    type."""
+    """An array of `count` records of `size` bytes. The kernel of `call_kernel` knows their type."""
     kind = types.Array(types.Record.make_c_struct([("_", types.int64)]), 1, "C", readonly=True)
 
     def codegen(context, builder, signature, args):

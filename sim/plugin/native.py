@@ -120,8 +120,8 @@ SEAM = np.zeros(7, dtype=np.int64)
 
 WORDS: offset of plugin_data in an mjData. INSTANCES, SLOTS: offsets of the number of plugin
 instances and of their plugin numbers in an mjModel. SLOT: the number of this plugin. SLABS: address
-of the table of slabs. FIND, RENEW: Python functions that find the home of a state that has moved,
-and that give a home a new context."""
+of the table of slabs. FIND, RENEW: Python functions that correct the word of an unpickled state and
+that give a home a new context."""
 
 WORDS, INSTANCES, SLOTS, SLOT, SLABS, FIND, RENEW = range(7)
 

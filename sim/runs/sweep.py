@@ -80,8 +80,7 @@ def runs_of(settings: Sequence[str], seeds: int, starts: int) -> list[Run]:
 
 
 def perform(plan: Plan, run: Run) -> Row:
-    """Execute a run and return its row. Its status tells whether the run held, diverged or was
-    refused."""
+    """Execute a run and return its row, with the status "held", "diverged: ..." or "refused: ..."."""
     began = perf_counter()
     row: Row = {"run": run.number, **dict(run.settings), "start": run.start, "status": "held"}
     stepping = 0.0
@@ -89,9 +88,7 @@ def perform(plan: Plan, run: Run) -> Row:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Note)  # check_plan shows the notes
             scene = _scene(plan, run.settings)
-        scene = replace(
-            scene, data=first_state(scene.model)
-        )  # runs in other threads may share the scene
+        scene = replace(scene, data=first_state(scene.model))  # other threads may share the scene
         scene.data.time += run.start
         series = Series(scene)
         for sample in simulate(scene, plan.duration, plan.rate):
@@ -161,14 +158,13 @@ def kept_rows(path: Path, plan: Plan, runs: Sequence[Run]) -> list[Row]:
     for name, value in plan.as_row().items():
         if head and head.get(name) != value:
             raise ValueError(
-                f"{path} holds the rows of a sweep with a different {name}; remove the file or use "
-                "that sweep's options"
+                f"{path} holds the rows of a sweep with another {name}; remove it or use its options"
             )
     for row in rows:
         run = runs[row["run"]] if row["run"] < len(runs) else None
         if run is None or not row.items() >= {**dict(run.settings), "start": run.start}.items():
             raise ValueError(
-                f"{path} holds the rows of another sweep; remove the file or use its options"
+                f"{path} holds the rows of another sweep; remove it or use its options"
             )
     whole = path.read_bytes().rfind(b"\n") + 1
     if whole < path.stat().st_size:

@@ -20,8 +20,7 @@ def check_ending(path: Path) -> None:
 
 
 def write_columns(path: Path, columns: Mapping[str, Column], ending: str | None = None) -> None:
-    """Write columns of equal length in the format of `ending`, by default the path's. Raises
-    OSError."""
+    """Write columns of equal length, in the format of `ending` if given. Raises OSError."""
     kind = (ending or path.suffix).lower()
     columns = {name: np.asarray(column) for name, column in columns.items()}
     if kind == ".parquet":
