@@ -110,7 +110,7 @@ def mean_of_correlated(series: ArrayLike) -> Mean:
     series = np.asarray(series, dtype=float)
     if series.size < FEWEST_BATCHES:
         raise ValueError(
-            f"the series has {series.size} samples; the error of its mean needs at least {FEWEST_BATCHES}"
+            f"the series has {series.size} samples; the error of its mean needs {FEWEST_BATCHES}"
         )
     chosen, settled = None, False
     length = 1

@@ -80,7 +80,7 @@ def runs_of(settings: Sequence[str], seeds: int, starts: int) -> list[Run]:
 
 
 def perform(plan: Plan, run: Run) -> Row:
-    """Execute a run and return its row, with the status "held", "diverged: ..." or "refused: ..."."""
+    """Execute a run and return its row; its status begins with held, diverged or refused."""
     began = perf_counter()
     row: Row = {"run": run.number, **dict(run.settings), "start": run.start, "status": "held"}
     stepping = 0.0
