@@ -158,14 +158,12 @@ def kept_rows(path: Path, plan: Plan, runs: Sequence[Run]) -> list[Row]:
     for name, value in plan.as_row().items():
         if head and head.get(name) != value:
             raise ValueError(
-                f"{path} holds the rows of a sweep with another {name}; remove it or use its options"
+                f"{path} has rows of a sweep with another {name}; remove it or use its options"
             )
     for row in rows:
         run = runs[row["run"]] if row["run"] < len(runs) else None
         if run is None or not row.items() >= {**dict(run.settings), "start": run.start}.items():
-            raise ValueError(
-                f"{path} holds the rows of another sweep; remove it or use its options"
-            )
+            raise ValueError(f"{path} has rows of another sweep; remove it or use its options")
     whole = path.read_bytes().rfind(b"\n") + 1
     if whole < path.stat().st_size:
         os.truncate(path, whole)
