@@ -108,8 +108,7 @@ def text(value: float | None) -> str:
 
 
 def draw(scene: Scene, found: dict[str, Hydrostatics], path: Path) -> None:
-    """Draw the righting arms, and each hull at rest with the water from behind and from the
-    side."""
+    """Draw the righting arms, and each hull at rest in the water from behind and from the side."""
     import matplotlib
 
     matplotlib.use("Agg")  # works without a screen

@@ -107,8 +107,7 @@ SPHERES = """<!-- A hundred colliding spheres of 1280 faces each, in three cross
 
 
 def spheres_xml() -> str:
-    """The scene of the spheres: a square of them, with densities of 300 to 700 kg/m^3, is
-    dropped."""
+    """The scene of the spheres: a square of them, of 300 to 700 kg/m^3, falls into the water."""
     rng = np.random.default_rng(0)
     elements, bodies, start = [], [], []
     middle = 0.5 * (SPHERES_A_SIDE - 1)

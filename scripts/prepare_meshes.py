@@ -37,7 +37,7 @@ TOOLS = ("trimesh", "scipy", "rtree", "pymeshfix", "fast_simplification")
 # micrometre, far less than the shortest edge, so it merges no vertices and flattens no triangles.
 DECIMALS = 7
 
-# Values of the simplifier's aggressiveness, tried in this order. A low value keeps thin features: at
+# Values of the simplifier's aggressiveness, tried in this order. Low values keep thin features: at
 # 10,000 faces the dragon deviates by 4 mm from its scan with 2.5, and by 46 mm with the default of
 # 7. But with a low value the simplifier may stall with too many faces left.
 AGGRESSIVENESS = (2.5, 5.0, 7.0)
@@ -79,8 +79,7 @@ def surface(vertices: np.ndarray, faces: np.ndarray) -> Trimesh:
 
 
 def read_script(data: bytes) -> Trimesh:
-    """Read the bunny's JavaScript module: lines `exports.positions=[...]` and
-    `exports.cells=[...]`, with arrays in JSON."""
+    """Read the bunny's JavaScript module: `exports.NAME=[...]` lines with JSON arrays."""
     exports = {}
     for line in data.decode("ascii").splitlines():
         name, found, value = line.partition("=")
@@ -213,8 +212,7 @@ def repair(mesh: Trimesh) -> Trimesh:
 
 
 def simplify(mesh: Trimesh, faces: int) -> Trimesh:
-    """Collapse edges until at most `faces` faces are left, with the lowest aggressiveness
-    possible."""
+    """Collapse edges until at most `faces` faces are left, with low aggressiveness if possible."""
     import fast_simplification
 
     if faces >= len(mesh.faces):
