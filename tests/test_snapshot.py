@@ -89,7 +89,7 @@ UNUSABLE = {
     "too large": (["--height", "99999"], "--height: found 99999 pixels"),
     "unknown option": (["--fast"], "unrecognized arguments: --fast"),
     "a folder": (["--output", "."], "is a folder; give the name"),
-    "below a file": (["--output", "text.txt/deep/a.png"], "text.txt is no folder"),
+    "below a file": (["--output", "text.txt/deep/a.png"], "text.txt is not a folder"),
     "no time to draw": (["--timeout", "0.01"], "no picture within 0.01 s"),
 }
 
