@@ -196,7 +196,7 @@ def test_columns_without_a_number_are_left_out_of_the_summary(tmp_path, capsys):
     ("others", "message"),
     [
         (("--set", "wave_swell.amplitude=0.2"), "rows of another sweep; remove"),
-        (("--duration", "5"), "rows of another sweep, whose duration is not the same"),
+        (("--duration", "5"), "rows of a sweep with another duration"),
     ],
     ids=lambda v: v[0] if isinstance(v, tuple) else "",
 )
@@ -246,7 +246,10 @@ def test_a_cluster_does_the_same(tmp_path):
         (("--output", "a.csv", "--set", "wave_swell.amplitude"), "expected NAME=VALUE,VALUE"),
         (("--output", "a.csv", "--set", "wave_swel.amplitude=1"), "no numeric 'wave_swel'"),
         (("--output", "a.csv", "--seeds", "2"), "the scene has no irregular sea"),
-        (("--output", "a.csv", "--duration", "5", "--warm-up", "9"), "leave nothing after a warm"),
+        (
+            ("--output", "a.csv", "--duration", "5", "--warm-up", "9"),
+            "has nothing left after a warm",
+        ),
     ],
 )
 def test_unusable_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):

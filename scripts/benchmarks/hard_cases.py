@@ -1,11 +1,11 @@
-"""Run what is hard for a float, at every integrator and timestep, and say what holds.
+"""Run cases that are hard to simulate with every integrator and timestep, and print which hold.
 
     python scripts/benchmarks/hard_cases.py [--quick] [--json FILE] [--only WORD]
 
-Each case states what must come out. A timestep holds when the run does not diverge and the
-error against that stays within the case's limit; reported is the largest timestep up to which all
-hold, and the errors at 2 ms. Exit status: 0 when all cases hold at 2 ms with every integrator,
-1 when one does not, 2 on unusable input.
+Each case states its expected result. A timestep holds if the run does not diverge and its error is
+within the case's limit. The table shows the largest timestep up to which all hold, and the errors
+at 2 ms. Exit status: 0 if all cases hold at 2 ms with every integrator, 1 if one does not, 2 on
+unusable input.
 """
 
 import sys
@@ -38,12 +38,12 @@ BUNNY = Path(__file__).resolve().parents[2] / "models" / "bunny.xml"
 INTEGRATORS = ("Euler", "implicitfast", "RK4")
 TIMESTEPS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02)
 QUICK_TIMESTEPS = (0.002, 0.02)
-REFERENCE = 0.002
-"""Timestep [s] of the shipped scenes, at which every case has to hold."""
+REQUIRED_TIMESTEP = 0.002
+"""Timestep [s] of most shipped scenes, at which every case must hold."""
 
 
 def drag_cost() -> dict[str, float]:
-    """Time of buoyancy with drag over that without, for the shipped bunny as it floats."""
+    """Time of buoyancy without and with drag [us] for the shipped bunny afloat, and the ratio."""
     times: dict[str, list[float]] = {"with": [], "without": []}
     scene = Scene.load(BUNNY)
     spec = mujoco.MjSpec.from_file(str(BUNNY))
@@ -71,13 +71,15 @@ def drag_cost() -> dict[str, float]:
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(__doc__)
     parser.add_argument(
-        "--quick", action="store_true", help="implicitfast only, at 2 and 20 ms; under a minute"
+        "--quick", action="store_true", help="only implicitfast, at 2 and 20 ms; under a minute"
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all errors there")
-    parser.add_argument("--only", default="", metavar="WORD", help="cases whose name has it")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all errors to this file")
+    parser.add_argument(
+        "--only", default="", metavar="WORD", help="only cases whose name contains WORD"
+    )
     options = parser.parse_args(arguments)
     if not any(options.only in name for name in CASES):
-        parser.error(f"no case has '{options.only}' in its name; there are {', '.join(CASES)}")
+        parser.error(f"no case has '{options.only}' in its name; choose from {', '.join(CASES)}")
     try:
         check_outputs([options.json], [])
     except ValueError as error:
@@ -90,7 +92,7 @@ def show(value: float | None, unit: str = "") -> str:
 
 
 def run_case(name: str, quick: bool) -> dict[str, Any]:
-    """All integrators and timesteps of a case: its line in the table and in the JSON."""
+    """Run a case with all integrators and timesteps; return its entry in the JSON."""
     case = CASES[name]
     line: dict[str, Any] = {"expects": case.expects, "limit": case.limit, "integrators": {}}
     for integrator in INTEGRATORS[1:2] if quick else INTEGRATORS:
@@ -104,8 +106,8 @@ def run_case(name: str, quick: bool) -> dict[str, Any]:
 
 
 def holds(line: dict[str, Any]) -> bool:
-    """Whether a case holds at REFERENCE with every integrator that was run."""
-    errors = [i["errors"][f"{REFERENCE:g}"] for i in line["integrators"].values()]
+    """Whether a case holds at REQUIRED_TIMESTEP with every integrator that was run."""
+    errors = [i["errors"][f"{REQUIRED_TIMESTEP:g}"] for i in line["integrators"].values()]
     return all(e is not None and e <= line["limit"] for e in errors)
 
 
@@ -125,7 +127,7 @@ def lines(results: dict[str, Any]) -> Iterator[tuple[str, ...]]:
         for integrator in line["integrators"].values():
             largest = integrator["largest_stable_timestep"]
             step = show(largest and 1e3 * largest, " ms")
-            cells.append(f"{step} / {show(integrator['errors'][f'{REFERENCE:g}'])}")
+            cells.append(f"{step} / {show(integrator['errors'][f'{REQUIRED_TIMESTEP:g}'])}")
         verdict = "" if holds(line) else "FAILS"
         yield name, f"{line['limit']:.1g}", *cells, verdict, line["expects"]
 

@@ -30,7 +30,7 @@ from sim.mjcf.notes import notes_about, notes_about_places
 from sim.mjcf.reading import read_model
 from sim.plugin import native
 from sim.plugin.context import Context, Contexts
-from sim.plugin.gauge import GAUGED, gauge_at
+from sim.plugin.gauge import GAUGE_SIZE, gauge_at
 from sim.plugin.homes import Homes
 from sim.plugin.layout import declared, offsets, take_over
 from sim.plugin.memory import (
@@ -112,17 +112,17 @@ def counted(data: mujoco.MjData, number: int) -> int:
 
 
 def memories_of(model: mujoco.MjModel, data: mujoco.MjData) -> list[Array]:
-    """MEMORY rows (N, 12) of all bodies that can move, as a state remembers them, the ones that
+    """Memory rows (N, 12) of all bodies that can move, as a state remembers them, the ones that
     count most first."""
     instance = model.plugin.tolist().index(_slot(NAME))
     start = int(model.plugin_stateadr[instance])
     states = data.plugin_state[start : start + int(model.plugin_statenum[instance]) - 1]
-    states = np.reshape(states, (-1, native.MEMORY))
+    states = np.reshape(states, (-1, native.MEMORY_SIZE))
     home = homes.home(data._address, homes.recover(data._address))
     if not home:
         return [states]
-    kept = floats_at(home + native.HOME_SIZE, (len(states), native.KEPT)).copy()
-    latest, *earlier = np.split(kept, 1 + native.EARLIER, axis=1)
+    kept = floats_at(home + native.HOME_SIZE, (len(states), native.HOME_ROW_SIZE)).copy()
+    latest, *earlier = np.split(kept, 1 + native.EARLIER_ROWS, axis=1)
     return [latest, states, *earlier]
 
 
@@ -209,10 +209,10 @@ def _tell() -> None:
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, INTEGER)
 def _nstate(model: int, instance: int) -> int:
-    """The length of the plugin's state: a MEMORY row for each body that can move, and the content.
+    """The length of the plugin's state: a memory row for each body that can move, and the content.
     MuJoCo asks before it has filled the tuples, so nobody knows yet which bodies float."""
     thread.is_compiling = True
-    return native.MEMORY * _movable_bodies(model) + 1 if _acts(model, instance) else 0
+    return native.MEMORY_SIZE * _movable_bodies(model) + 1 if _acts(model, instance) else 0
 
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, WORD, INTEGER)
@@ -279,7 +279,7 @@ def _no_state(model: int, instance: int) -> int:
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, INTEGER, INTEGER)
 def _gauged(model: int, instance: int, sensor: int) -> int:
-    return GAUGED
+    return GAUGE_SIZE
 
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, WORD, INTEGER)
