@@ -294,10 +294,12 @@ def main(arguments: list[str] | None = None) -> int:
     summary = summarise(twins, options, history)
     summary["wall_s"] = perf_counter() - started
     summary["recording"] = None if recording is None else str(recording)
-    print_summary(summary)
+    try:
+        write_json(options.json, summary)
+    finally:
+        print_summary(summary)
     if recording is not None and recording.is_file():
         print(f"\nrecorded {recording.stat().st_size / 1e6:.1f} MB: {recording}")
-    write_json(options.json, summary)
     return status
 
 

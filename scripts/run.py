@@ -207,12 +207,14 @@ def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, A
     except (DivergenceError, OSError, Stopped) as error:
         status = failure(error)
     summary = summarise(scene, tally, perf_counter() - started, recording, recorder)
-    if not options.quiet:
-        print_summary(summary)
-    write_json(options.json, summary)
-    if series is not None:
-        kind, columns = options.series.suffix, series.columns()
-        write_whole(options.series, lambda beside: write_columns(beside, columns, kind))
+    try:
+        write_json(options.json, summary)
+        if series is not None:
+            kind, columns = options.series.suffix, series.columns()
+            write_whole(options.series, lambda beside: write_columns(beside, columns, kind))
+    finally:
+        if not options.quiet:
+            print_summary(summary)
     return status, summary
 
 

@@ -57,7 +57,7 @@ def test_a_script_whose_recording_is_removed_says_so_and_sums_up(tmp_path, capfd
 
     remover = Thread(target=remove, daemon=True)
     remover.start()
-    assert status_of("run.py", CUBE, "--duration", 1000, "--record", path) == UNWRITABLE
+    assert status_of("run.py", CUBE, "--duration", 60, "--record", path) == UNWRITABLE
     told = capfd.readouterr()
     *notes, line = told.err.splitlines()
     assert line == f"run.py: {path}: the recording was removed while it was written"
