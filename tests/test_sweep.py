@@ -246,10 +246,7 @@ def test_a_cluster_does_the_same(tmp_path):
         (("--output", "a.csv", "--set", "wave_swell.amplitude"), "expected NAME=VALUE,VALUE"),
         (("--output", "a.csv", "--set", "wave_swel.amplitude=1"), "no numeric 'wave_swel'"),
         (("--output", "a.csv", "--seeds", "2"), "the scene has no irregular sea"),
-        (
-            ("--output", "a.csv", "--duration", "5", "--warm-up", "9"),
-            "has nothing left after a warm",
-        ),
+        (("--output", "a.csv", "--duration", "5", "--warm-up", "9"), "has nothing left"),
     ],
 )
 def test_unusable_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):

@@ -120,8 +120,7 @@ def _path(
     timestep: float | None = None,
     pressure: str = "hydrostatic",
 ) -> np.ndarray:
-    """Height [m] and tilt [deg] of the scene's body, (N, 2), with the method that `make`
-    returns."""
+    """Height [m] and tilt [deg] of the scene's body, (N, 2), with the method from `make`."""
 
     class Made(Linear):
         @classmethod
