@@ -398,7 +398,7 @@ def set_motion(step, body, pose, reaction_out):
     twist_at(own, arm, pose.rotation, r.bias[:])
 
 
-@kernel
+@inline
 def react(step, body, pose, number, reaction_out):
     """What the HULL of a number, at a pose, meets besides its buoyancy: its REACTION in its own
     frame. Returns the rate [1/s] at which it takes angular momentum."""

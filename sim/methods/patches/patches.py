@@ -459,7 +459,7 @@ def keep_reached(patches, reach, points_out, near_out, chosen_out):
     return kept
 
 
-@kernel
+@inline
 def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomials_out):
     """Polynomials (N,) of the heads around the chosen patches' centres from fitted waves."""
     x, y, above, residual = points.x, points.y, points.above, sea.solve[0].residual
@@ -473,7 +473,7 @@ def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomia
         head_polynomials(jets, above, chosen, rotations, polynomials_out)
 
 
-@kernel
+@inline
 def reached_polynomials(tree, sea, instances, positions, rotations, time):
     """The patches that the water could reach, CHOSEN, and the POLYNOMIAL of the head over each."""
     most, solve = most_patches(instances) + 1, sea.solve[0]
