@@ -1,30 +1,14 @@
-"""Say what a mesh file is as a hull, and mend it.
+"""Check whether a mesh file is a usable hull, and repair it.
 
     python scripts/check_hull.py boat.stl --scale 0.001 --repair boat.obj
 
-Reads what trimesh reads. An open boat of a closed thin shell floats as it is, with the water in it
-as high as outside: --deck closes it. Exit status: 0 where Waterline takes the hull, or the mended
-one, 1 where it does not take it as it is, 2 on unusable input and where mending failed, 4 when a
-file cannot be written.
+The file may have any format that trimesh reads. An open boat with a closed, thin shell is a usable
+hull, but the water stands as high inside as outside; --deck closes the boat. Exit status: 0 if
+Waterline accepts the hull or the repaired hull, 1 if it refuses the hull, 2 on unusable input or if
+the repair failed, 4 if a file cannot be written.
 """
 
-from command_line import (
-    UNUSABLE_INPUT,
-    UNWRITABLE,
-    Parser,
-    check_outputs,
-    check_writable,
-    positive,
-    print_table,
-    refusal,
-    run_script,
-    say_errors,
-    write_json,
-    write_whole,
-)
-
 import argparse
-import sys
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -32,6 +16,18 @@ from pathlib import Path
 import trimesh
 from numpy.typing import NDArray
 
+from command_line import (
+    UNUSABLE_INPUT,
+    Parser,
+    check_outputs,
+    failure,
+    positive,
+    print_table,
+    run_script,
+    say,
+    write_json,
+    write_whole,
+)
 from sim import Hull
 from sim.hulls.repair import Repaired, repair
 from sim.hulls.survey import Survey, read_surface, survey
@@ -40,50 +36,47 @@ from sim.hulls.union import decked
 Surface = tuple[NDArray, NDArray]
 """Vertices and faces."""
 
-NOT_AS_IT_IS = 1
-"""Exit status where Waterline refuses the hull."""
+HULL_REFUSED = 1
+"""Exit status if Waterline refuses the hull."""
 
-OPEN_BOAT = 0.01
-"""Of a hull's volume: what holds less water than this is no boat, but dented."""
+OPEN_BOAT_SHARE = 0.01
+"""Share of a hull's volume. A hull that holds more water than this is called an open boat; less may
+be a dent."""
 
-WRITTEN = (".obj", ".stl", ".ply")
-"""Endings of the files that hulls are written to."""
+OUTPUT_ENDINGS = (".obj", ".stl", ".ply")
+"""Endings of the file formats in which hulls can be written."""
 
-SHOWN = 7
-"""Rims that are listed; the others are counted."""
+MOST_RIMS = 7
+"""Largest number of rims that are listed; the others are only counted."""
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("check_hull.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("file", type=Path, metavar="FILE", help="a mesh: OBJ, STL, PLY, glTF, ...")
-    parser.add_argument("--repair", type=Path, metavar="OUT", help="mend it and write it there")
+    parser.add_argument("--repair", type=Path, metavar="OUT", help="write the repaired hull to OUT")
     parser.add_argument(
-        "--scale", type=positive, default=1.0, metavar="S", help="times the file's lengths (1)"
+        "--scale", type=positive, default=1.0, metavar="S", help="factor for the file's lengths (1)"
     )
-    parser.add_argument("--mirror", action="store_true", help="make half a hull whole")
+    parser.add_argument("--mirror", action="store_true", help="mirror half a hull to complete it")
     parser.add_argument("--deck", action="store_true", help="close an open boat at its gunwale")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to this file")
     options = parser.parse_args(arguments)
     if (options.mirror or options.deck) and options.repair is None:
-        parser.error("--mirror and --deck change the hull: say with --repair where to write it")
+        parser.error("--mirror and --deck change the hull; name an output file with --repair")
     return options
 
 
 def check_files(options: argparse.Namespace) -> None:
-    """Refuse what would write over the input, one output over another, or cannot be written."""
+    """Raise ValueError or OSError if an output is the input, another output, or not writable."""
     check_outputs((options.repair, options.json), [options.file])
-    if options.repair is not None and options.repair.suffix.lower() not in WRITTEN:
+    if options.repair is not None and options.repair.suffix.lower() not in OUTPUT_ENDINGS:
         raise ValueError(
-            f"{options.repair}: expected a name that ends in {', '.join(WRITTEN)}, which MuJoCo "
-            "and others read"
+            f"{options.repair}: expected a name that ends in {', '.join(OUTPUT_ENDINGS)}"
         )
-    if options.repair is not None and not options.repair.parent.is_dir():
-        raise FileNotFoundError(f"there is no folder {options.repair.parent}")
-    check_writable(options.json)
 
 
 def lines_of(found: Survey) -> Iterator[tuple[str, str]]:
-    """What a survey says, title and text."""
+    """Yield the title and text of each line about a survey."""
     yield "faces", f"{found.faces:,}"
     doubled = f", {found.doubled_vertices:,} of them twice" if found.doubled_vertices else ""
     yield "vertices", f"{found.vertices:,}{doubled}"
@@ -96,13 +89,13 @@ def lines_of(found: Survey) -> Iterator[tuple[str, str]]:
     )
     yield "area", f"{found.area:.6g} m^2"
     yield "open rims", str(len(found.rims))
-    for rim in found.rims[:SHOWN]:
+    for rim in found.rims[:MOST_RIMS]:
         where = "({:.4g}, {:.4g}, {:.4g})".format(*rim.middle)
         size = " x ".join(f"{side:.3g}" for side in rim.extents)
         half = f", half a hull's: --mirror at {rim.symmetry}" if rim.symmetry else ""
         yield "", f"{rim.edges} edges around {where}, {size} m{half}"
-    if len(found.rims) > SHOWN:
-        yield "", f"and {len(found.rims) - SHOWN} more"
+    if len(found.rims) > MOST_RIMS:
+        yield "", f"and {len(found.rims) - MOST_RIMS} more"
     crowded = ", ".join("({:.4g}, {:.4g}, {:.4g})".format(*p) for p in found.crowded_at[:3])
     yield "crowded edges", f"{found.crowded_edges}" + f", at {crowded}" * bool(crowded)
     yield "edges run along twice", str(found.twisted_edges)
@@ -114,7 +107,7 @@ def lines_of(found: Survey) -> Iterator[tuple[str, str]]:
     yield "parts that overlap", str(found.overlapping_parts)
     yield "faces through others", str(found.crossing_faces)
     yield "half a hull", f"yes, --mirror at {found.half_hull}" if found.half_hull else "no"
-    if found.holds > OPEN_BOAT * max(found.volume, 0.0):
+    if found.holds > OPEN_BOAT_SHARE * max(found.volume, 0.0):
         yield (
             "open boat",
             f"holds {found.holds:.4g} m^3 of water, which floods it; --deck keeps it dry",
@@ -138,9 +131,9 @@ def print_repair(before: Survey, repaired: Repaired, after: Survey | None) -> No
 
 
 def mended(surface: Surface, before: Survey, options: argparse.Namespace) -> Repaired:
-    """The hull of a surface, repaired and decked as the options ask."""
+    """Repair the hull of a surface, and mirror or deck it as the options ask."""
     if options.mirror and not before.half_hull:
-        return Repaired(None, (), ("it is not half a hull: leave out --mirror",))
+        return Repaired(None, (), ("it is not half a hull; leave out --mirror",))
     found = repair(*surface, before.half_hull if options.mirror else "")
     if not options.deck or found.hull is None:
         return found
@@ -153,7 +146,7 @@ def mended(surface: Surface, before: Survey, options: argparse.Namespace) -> Rep
 
 
 def export(hull: Hull, path: Path) -> None:
-    """Write a hull in the format of the file's ending."""
+    """Write a hull to a file in the format of the file's ending."""
     mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
     digits = {"digits": 10} if path.suffix.lower() == ".obj" else {}
     data = mesh.export(file_type=path.suffix.lower().lstrip("."), **digits)
@@ -168,34 +161,30 @@ def main(arguments: list[str] | None = None) -> int:
         surface = read_surface(options.file, options.scale)
         before = survey(*surface)
     except (ValueError, OSError) as error:
-        return refusal("check_hull.py", error)
+        return failure(error)
     print(options.file)
     for title, text in lines_of(before):
         print(f"  {title:<24}{text}")
     report, status = {"file": str(options.file), "before": asdict(before)}, 0
-    try:
-        if options.repair is not None:
-            status = _repair(surface, before, options, report)
-        elif before.refusal:
-            status = NOT_AS_IT_IS
-        write_json(options.json, report)
-    except OSError as error:
-        say_errors("check_hull.py", error)
-        return UNWRITABLE
+    if options.repair is not None:
+        status = _repair(surface, before, options, report)
+    elif before.refusal:
+        status = HULL_REFUSED
+    write_json(options.json, report)
     return status
 
 
 def _repair(
     surface: Surface, before: Survey, options: argparse.Namespace, report: dict[str, object]
 ) -> int:
-    """Mend, write, and report it; returns the exit status."""
+    """Repair the hull, write it and extend the report; return the exit status."""
     found = mended(surface, before, options)
     after = survey(found.hull.vertices, found.hull.faces) if found.hull is not None else None
     print()
     print_repair(before, found, after)
     report |= {"done": found.done, "faults": found.faults, "after": after and asdict(after)}
     for fault in found.faults:
-        print(f"check_hull.py: {options.file}: {fault}", file=sys.stderr)
+        say(f"{options.file}: {fault}")
     if found.faults or found.hull is None:
         return UNUSABLE_INPUT
     export(found.hull, options.repair)

@@ -7,32 +7,13 @@ in one recording. What is compared are means over the time after the warm-up: th
 themselves drift apart in waves from any difference, however small. Where a body has several ways
 to float and keeps one for long, one run tells little: --starts begins again at other times.
 
-Exit status: 0 on success, 2 on unusable input, 3 when a twin diverged, 4 when the disk is
-full, 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on disk.
+Exit status: 0 on success, 2 on unusable input, 3 when a twin diverged, 4 when a file cannot be
+written, 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on disk.
 """
 
-from command_line import (
-    Parser,
-    add_averaging_options,
-    add_scene_options,
-    at_least,
-    check_outputs,
-    check_writable,
-    loading_notice,
-    notes_said,
-    print_table,
-    progress,
-    refusal,
-    run_script,
-    run_to_the_end,
-    scene_options,
-    stop_signals,
-    write_json,
-)
-
 import argparse
-from collections.abc import Mapping
-from contextlib import ExitStack, nullcontext
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
@@ -40,8 +21,24 @@ from typing import Any
 
 import numpy as np
 
+from command_line import (
+    Parser,
+    Stopped,
+    add_averaging_options,
+    add_scene_options,
+    at_least,
+    check_outputs,
+    failure,
+    notes_said,
+    print_table,
+    progress,
+    run_script,
+    scene_options,
+    stops_held,
+    write_json,
+)
 from labels import fields_of
-from sim import Sample, Scene, SideBySideRecorder, simulate
+from sim import DivergenceError, Sample, Scene, SideBySideRecorder, simulate
 from sim.mjcf.elements import prefixes_of
 from sim.mjcf.fields import METHOD
 from sim.mjcf.files import model_files
@@ -63,7 +60,7 @@ chance alone does that once in a hundred times."""
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("compare.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
     parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD",
                         help="METHOD[:NUMBER][/PRESSURE], as chord:4 or patches:1e-3/hydrostatic; "
@@ -80,9 +77,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
-    """A twin of the scene for each method, by its label, kernels compiled; `again`: not the first
-    time."""
+def load(options: argparse.Namespace) -> dict[str, Scene]:
+    """A twin of the scene for each method, by its label."""
     samples = (options.duration - options.warm_up) * options.rate
     if samples < FEWEST_BATCHES:
         raise ValueError(
@@ -90,12 +86,10 @@ def load(options: argparse.Namespace, again: bool = False) -> dict[str, Scene]:
             f"{options.warm_up:g} s, and means need {FEWEST_BATCHES}; run longer"
         )
     twins: dict[str, Scene] = {}
-    said = notes_said("compare.py", quiet=True) if again else nullcontext()
-    with loading_notice(quiet=again), said:
-        for text in options.methods:
-            scene = load_twin(options, text)
-            same = sum(label.split(" ")[0] == text for label in twins)
-            twins[f"{text} ({same + 1})" if same else text] = scene
+    for text in options.methods:
+        scene = load_twin(options, text)
+        same = sum(label.split(" ")[0] == text for label in twins)
+        twins[f"{text} ({same + 1})" if same else text] = scene
     return twins
 
 
@@ -161,14 +155,15 @@ def run(
     options: argparse.Namespace,
     recorder: SideBySideRecorder | None,
     history: History,
-    received: list[int],
+    check: Callable[[], None],
 ) -> None:
-    """Simulate all twins in lockstep, start after start, or to the first signal received, which
-    raises KeyboardInterrupt. The recorder gets the first run."""
+    """Simulate all twins in lockstep, start after start, and check whether to stop. The recorder
+    gets the first run."""
     with progress(options.starts * options.duration, "s") as bar:
         for i, time in enumerate(start_times(options.starts)):
             if i > 0:
-                twins = load(options, again=True)
+                with notes_said(quiet=True):
+                    twins = load(options)
             for scene in twins.values():
                 scene.data.time = time
             runs = [simulate(scene, options.duration, options.rate) for scene in twins.values()]
@@ -179,12 +174,9 @@ def run(
                     if recorder is not None and i == 0:
                         recorder.log(samples)
                     bar.update(i * options.duration + history.duration - bar.n)
-                    if received:
-                        raise KeyboardInterrupt
+                    check()
             finally:
                 history.end()
-    if recorder is not None:
-        recorder.close()
 
 
 def summarise(
@@ -284,32 +276,31 @@ def main(arguments: list[str] | None = None) -> int:
     recording = None
     if not options.no_record:
         recording = options.record or Path("recordings") / f"{options.scene.stem}_twins.rrd"
-    with ExitStack() as stack:
-        try:
-            check_outputs((recording, options.json), model_files(options.scene))
-            with notes_said("compare.py"):
-                twins = load(options)
-                check_run(next(iter(twins.values())), options.duration, options.rate)
-                check_writable(options.json)
-                received = stack.enter_context(stop_signals())
-                recorder = None if recording is None else SideBySideRecorder(recording, twins)
-        except (ValueError, OSError) as error:
-            return refusal("compare.py", error)
-        timestep = next(iter(twins.values())).model.opt.timestep
-        history = History(len(twins), timestep)
-        started = perf_counter()
-        with recorder or nullcontext():
-            status = run_to_the_end(
-                lambda: run(twins, options, recorder, history, received), received
-            )
-        summary = summarise(twins, options, history)
-        summary["wall_s"] = perf_counter() - started
-        summary["recording"] = None if recording is None else str(recording)
+    try:
+        check_outputs((recording, options.json), model_files(options.scene))
+        with notes_said():
+            twins = load(options)
+            first = next(iter(twins.values()))
+            check_run(first, options.duration, options.rate)
+            recorder = None if recording is None else SideBySideRecorder(recording, twins)
+    except (ValueError, OSError) as error:
+        return failure(error)
+    history, status, started = History(len(twins), first.model.opt.timestep), 0, perf_counter()
+    try:
+        with stops_held() as check, notes_said(), recorder or nullcontext():
+            run(twins, options, recorder, history, check)
+    except (DivergenceError, OSError, Stopped) as error:
+        status = failure(error)
+    summary = summarise(twins, options, history)
+    summary["wall_s"] = perf_counter() - started
+    summary["recording"] = None if recording is None else str(recording)
+    try:
         write_json(options.json, summary)
+    finally:
         print_summary(summary)
-        if recording is not None:
-            print(f"\nrecorded {recording.stat().st_size / 1e6:.1f} MB: {recording}")
-        return status
+    if recording is not None and recording.is_file():
+        print(f"\nrecorded {recording.stat().st_size / 1e6:.1f} MB: {recording}")
+    return status
 
 
 if __name__ == "__main__":

@@ -1,27 +1,10 @@
-"""Say how the bodies of a scene lie in still water, in the terms of naval architects.
+"""Print how the bodies of a scene float in still water, in the terms of naval architecture.
 
     python scripts/hydrostatics.py models/wigley.xml --figure wigley.png
 
-Each tree of bodies is one rigid body here, let go in still water from the scene's first keyframe
-as if nothing else held it. Exit status: 0 on success, 2 on unusable input, 4 when a file cannot be
-written.
+Each tree of bodies counts as one rigid body that starts at the scene's first keyframe and is free
+of other constraints. Exit status: 0 on success, 2 on unusable input, 4 if a file cannot be written.
 """
-
-from command_line import (
-    UNWRITABLE,
-    Parser,
-    check_drawable,
-    check_outputs,
-    check_writable,
-    loading_notice,
-    notes_said,
-    print_table,
-    refusal,
-    run_script,
-    say_errors,
-    write_json,
-    write_whole,
-)
 
 import argparse
 from pathlib import Path
@@ -30,6 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from command_line import (
+    Parser,
+    check_drawable,
+    check_outputs,
+    failure,
+    notes_said,
+    print_table,
+    run_script,
+    write_json,
+    write_whole,
+)
 from sim import Hydrostatics, Scene, hydrostatics
 from sim.mjcf.files import model_files
 from sim.scenes.hydrostatics import trees
@@ -68,16 +62,16 @@ ROWS = (
     ("largest stable timestep", "s", "largest_timestep_s"),
     ("righting arm vanishes at", "deg", "vanishing_deg"),
 )
-"""What is printed, its unit, and its name in `Hydrostatics.flat`."""
+"""Title, unit and key of `Hydrostatics.flat` of each printed row."""
 
-ARMS_EVERY = 15.0
-"""Degrees from one righting arm that is printed to the next; the JSON has those between too."""
+ARM_STEP = 15.0
+"""Step [deg] between the righting arms that are printed; --json writes all."""
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("hydrostatics.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to this file")
     parser.add_argument(
         "--figure", type=Path, metavar="FILE.png", help="draw righting arms and hulls at rest"
     )
@@ -85,7 +79,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def print_report(found: dict[str, Hydrostatics]) -> None:
-    """One column a body."""
+    """Print a table with one column per body."""
     columns = [h.flat() for h in found.values()]
     rows = [
         (f"{title} [{unit}]" if unit else title, *(text(column.get(key)) for column in columns))
@@ -93,7 +87,7 @@ def print_report(found: dict[str, Hydrostatics]) -> None:
     ]
     arms = [dict(column.get("gz", ())) for column in columns]
     for heel in sorted(set().union(*arms)):
-        if heel % ARMS_EVERY == 0.0 and heel > 0.0:
+        if heel % ARM_STEP == 0.0 and heel > 0.0:
             title = f"righting arm GZ at {heel:.0f} deg [m]"
             rows.append((title, *(text(arm.get(heel)) for arm in arms)))
     print_table(("at rest", *found), rows)
@@ -103,17 +97,17 @@ def print_report(found: dict[str, Hydrostatics]) -> None:
 
 
 def text(value: float | None) -> str:
-    """A number in five digits, with round-off as 0."""
+    """A value with five digits; round-off is shown as 0, no value as "-"."""
     if value is None:
         return "-"
     return "0" if abs(value) < 1e-7 else f"{value:.5g}"
 
 
 def draw(scene: Scene, found: dict[str, Hydrostatics], path: Path) -> None:
-    """Righting arms, and each hull at rest from behind and from the side, with the water."""
+    """Draw the righting arms, and each hull at rest in the water from behind and from the side."""
     import matplotlib
 
-    matplotlib.use("Agg")  # needs no screen
+    matplotlib.use("Agg")  # works without a screen
     from matplotlib import pyplot
 
     bodies = [body for body in trees(scene).values() if body.at_rest is not None]
@@ -140,7 +134,7 @@ def draw_arms(axes: Any, name: str, rest: Rest) -> None:
 
 
 def draw_hull(axes: Any, across: NDArray, up: NDArray, label: str) -> None:
-    """A hull's triangles seen along an axis; to the right and up: (F, 3) [m] each."""
+    """Draw a hull's triangles as seen along an axis; across and up: corners (F, 3) [m]."""
     from matplotlib.collections import PolyCollection
 
     triangles, colour = np.stack([across, up], axis=2), "#c8a868"
@@ -158,22 +152,17 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check_outputs((options.json, options.figure), model_files(options.scene))
-        with loading_notice(quiet=False), notes_said("hydrostatics.py"):
-            scene = Scene.load(options.scene)
-        check_writable(options.json)
         check_drawable(options.figure)
+        with notes_said():
+            scene = Scene.load(options.scene)
         found = hydrostatics(scene)
     except (ValueError, OSError) as error:
-        return refusal("hydrostatics.py", error)
+        return failure(error)
     print_report(found)
-    try:
-        bodies = {name: h.flat() for name, h in found.items()}
-        write_json(options.json, {"scene": scene.name, "bodies": bodies})
-        if options.figure is not None:
-            draw(scene, found, options.figure)
-    except OSError as error:
-        say_errors("hydrostatics.py", error)
-        return UNWRITABLE
+    bodies = {name: h.flat() for name, h in found.items()}
+    write_json(options.json, {"scene": scene.name, "bodies": bodies})
+    if options.figure is not None:
+        draw(scene, found, options.figure)
     return 0
 
 

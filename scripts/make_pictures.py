@@ -1,4 +1,4 @@
-"""Make the pictures of the scenes in models/pictures/ again, from recordings made for it.
+"""Record the scenes and make their pictures in models/pictures/.
 
     python scripts/make_pictures.py              # all of them
     python scripts/make_pictures.py bunny trio   # some
@@ -6,14 +6,13 @@
 Needs what scripts/snapshot.py needs.
 """
 
-from command_line import Parser, notes_said, run_script
-
 import tempfile
 from pathlib import Path
 
 from PIL import Image
 from snapshot import main as snapshot
 
+from command_line import Parser, notes_said, run_script
 from sim import Recorder, Scene, simulate
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -29,33 +28,34 @@ TIMES = {
     "articulated": 4.2,
     "spheres": 2.5,
 }
-"""Scenes and the simulated seconds after which each looks its best."""
+"""Simulated time [s] of the picture of each scene."""
 
-LOOKING_ON = 1.0
-"""Seconds recorded after that, so that the plots go on."""
+EXTRA_TIME = 1.0
+"""Seconds that are recorded after the picture's time, so that the plots continue."""
 
-WINDOW = (1600, 900)
-LARGE, SMALL = (1000, 562), (720, 405)
-"""Sizes [pixels] of the window, of the README's pictures and of the others."""
+WINDOW_SIZE = (1600, 900)
+LARGE_SIZE, SMALL_SIZE = (1000, 562), (720, 405)
+"""Sizes [pixels] of the window, of the pictures in the README and of the others."""
 
 IN_README = ("bunny", "trio")
 
 
 def make_picture(name: str, output: Path) -> int:
-    """Record a scene, take its picture and shrink it; return the exit status of snapshot.py."""
-    with notes_said("make_pictures.py", quiet=True):
+    """Record a scene, make its picture and shrink it; return the exit status of snapshot.py."""
+    with notes_said(quiet=True):
         scene = Scene.load(MODELS / f"{name}.xml")
     with tempfile.TemporaryDirectory() as folder:
         recording, picture = Path(folder) / "run.rrd", Path(folder) / "picture.png"
         with Recorder(recording, scene) as recorder:
-            for sample in simulate(scene, TIMES[name] + LOOKING_ON):
+            for sample in simulate(scene, TIMES[name] + EXTRA_TIME):
                 recorder.log(sample)
-        size = ["--width", str(WINDOW[0]), "--height", str(WINDOW[1])]
+        size = ["--width", str(WINDOW_SIZE[0]), "--height", str(WINDOW_SIZE[1])]
         asked = [str(recording), "--time", str(TIMES[name]), "--output", str(picture), *size]
         if status := snapshot(asked):
             return status
         image = Image.open(picture).convert("RGB")
-        image = image.resize(LARGE if name in IN_README else SMALL, Image.Resampling.LANCZOS)
+        pixels = LARGE_SIZE if name in IN_README else SMALL_SIZE
+        image = image.resize(pixels, Image.Resampling.LANCZOS)
         output.parent.mkdir(parents=True, exist_ok=True)
         image.save(output, optimize=True)
     print(f"{output}: {output.stat().st_size / 1e3:.0f} kB")
@@ -63,15 +63,15 @@ def make_picture(name: str, output: Path) -> int:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = Parser("make_pictures.py", __doc__)
-    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(TIMES)}")
+    parser = Parser(__doc__)
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"{', '.join(TIMES)} (all)")
     parser.add_argument(
         "--output", type=Path, default=MODELS / "pictures", metavar="FOLDER", help="models/pictures"
     )
     options = parser.parse_args(arguments)
     unknown = sorted(set(options.scenes) - set(TIMES))
     if unknown:
-        parser.error(f"no scene {', '.join(unknown)}; there are {', '.join(TIMES)}")
+        parser.error(f"no scene {', '.join(unknown)}; choose from {', '.join(TIMES)}")
     statuses = (
         make_picture(name, options.output / f"{name}.png")
         for name in TIMES

@@ -1,55 +1,58 @@
-"""Make what is generated in models/: the Wigley hull's mesh and the scene of a hundred spheres.
+"""Make the generated files in models/: the Wigley hull's mesh and the scene of a hundred spheres.
 
-    python scripts/make_scenes.py                      # the files as they are in models/
+    python scripts/make_scenes.py                      # the files in models/
     python scripts/make_scenes.py --stations 80 --output finer
 
-The Wigley hull (Wigley 1934) is the ship whose hydrostatics are known in closed form: parabolas
-along and down,
+The Wigley hull (Wigley 1934) has hydrostatics in closed form. Its surface is parabolic along the
+hull and with depth,
 
     y = +- B/2 (1 - (2x/L)^2) (1 - (z/T)^2)    for -T <= z <= 0,
 
-with vertical sides from the waterline up to the deck, here L : B : T = 10 : 1 : 0.625.
+with vertical sides from the waterline up to the deck and L : B : T = 10 : 1 : 0.625.
 """
-
-from command_line import Parser, at_least, refusal, run_script
 
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from command_line import Parser, at_least, run_script
+
 MODELS = Path(__file__).resolve().parents[1] / "models"
 
 LENGTH, BEAM, DRAFT, FREEBOARD = 10.0, 1.0, 0.625, 0.4  # [m]
 
 STATIONS = 40
-"""Pieces of the Wigley hull's length; it has about 1.2 of their square in faces."""
+"""Number of sections along the Wigley hull; it has about 1.4 times the square of this in faces."""
 
 SPHERES_A_SIDE, SPHERE_SPACING, SPHERE_RADIUS = 10, 0.9, 0.3  # [m]
 COLOURS = ("0.90 0.36 0.24", "0.93 0.69 0.13", "0.92 0.90 0.84", "0.34 0.66 0.52")
 
 
 def wigley(stations: int = STATIONS) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices (V, 3) [m] and faces (F, 3) of the Wigley hull, closed and outward; x forwards, the
-    design waterline at z = 0. Below it there are a quarter as many rows as stations."""
+    """Vertices (V, 3) [m] and faces (F, 3) of the closed Wigley hull, wound outwards.
+
+    The x axis points forwards, and the design waterline is at z = 0. Below it there are a quarter
+    as many rows of faces as stations.
+    """
     x = np.linspace(-0.5 * LENGTH, 0.5 * LENGTH, stations + 1)
     below = np.linspace(-DRAFT, 0.0, max(2, stations // 4) + 1)
     z = np.concatenate([below, np.linspace(0.0, FREEBOARD, max(1, stations // 10) + 1)[1:]])
     width = 1.0 - (np.minimum(z, 0.0) / DRAFT) ** 2
     y = 0.5 * BEAM * np.outer(1.0 - (2.0 * x / LENGTH) ** 2, width)
-    y[[0, -1]], y[:, 0] = 0.0, 0.0  # stems and keel, free of round-off
+    y[[0, -1]], y[:, 0] = 0.0, 0.0  # stems and keel, without round-off
     port = np.stack(np.broadcast_arrays(x[:, None], y, z[None, :]), axis=-1)
     starboard = port * [1.0, -1.0, 1.0]
     deck = np.stack([starboard[:, -1], port[:, -1]], axis=1)
     pieces = [triangles(starboard), triangles(port[:, ::-1]), triangles(deck)]
     vertices, corner = np.unique(np.concatenate(pieces).reshape(-1, 3), axis=0, return_inverse=True)
     faces = corner.reshape(-1, 3)
-    has_area = (faces != np.roll(faces, 1, axis=1)).all(axis=1)  # at stems and keel some have none
+    has_area = (faces != np.roll(faces, 1, axis=1)).all(axis=1)  # some at stems and keel have none
     return vertices, faces[has_area]
 
 
 def triangles(grid: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Triangles (N, 3, 3) of a grid of points (I, J, 3), counterclockwise as i goes to j."""
+    """Triangles (N, 3, 3) of a grid of points (I, J, 3), counterclockwise from axis i to axis j."""
     a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
     halves = [np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]
     return np.concatenate([half.reshape(-1, 3, 3) for half in halves])
@@ -64,10 +67,10 @@ def wigley_obj(stations: int = STATIONS) -> str:
     return "\n".join(lines) + "\n"
 
 
-SPHERES = """<!-- A hundred spheres of 1280 faces each, which collide, in three crossing waves.
-     Made by scripts/make_scenes.py. CG instead of Newton as the solver of contacts: MuJoCo's sparse
-     Newton, which it takes by itself for so many degrees of freedom, has a bug in 4.0.0.
-     The joints' damping (N s/m and N m s/rad) stands in for the water's drag. -->
+SPHERES = """<!-- A hundred colliding spheres of 1280 faces each, in three crossing waves.
+     scripts/make_scenes.py makes this file. The solver is CG because MuJoCo 4.0.0 has a bug in its
+     sparse Newton solver, which it would choose for 600 degrees of freedom.
+     The joints' damping (N s/m and N m s/rad) replaces the drag of the water. -->
 <mujoco model="spheres">
   <option timestep="0.005" integrator="implicitfast" solver="CG"/>
 
@@ -104,7 +107,7 @@ SPHERES = """<!-- A hundred spheres of 1280 faces each, which collide, in three 
 
 
 def spheres_xml() -> str:
-    """The scene of the spheres: a square of them, of densities 300 to 700 kg/m^3, dropped."""
+    """The scene of the spheres: a square of them, of 300 to 700 kg/m^3, falls into the water."""
     rng = np.random.default_rng(0)
     elements, bodies, start = [], [], []
     middle = 0.5 * (SPHERES_A_SIDE - 1)
@@ -127,29 +130,24 @@ def spheres_xml() -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = Parser("make_scenes.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument(
         "--stations",
         type=at_least(2, 10_000),
         default=STATIONS,
         metavar="N",
-        help=f"of the hull ({STATIONS})",
+        help=f"sections along the hull ({STATIONS})",
     )
     parser.add_argument(
         "--output", type=Path, default=MODELS, metavar="FOLDER", help="default: models/"
     )
     options = parser.parse_args(arguments)
     contents = {"meshes/wigley.obj": wigley_obj(options.stations), "spheres.xml": spheres_xml()}
-    try:
-        for name, text in contents.items():
-            path = options.output / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
-            print(path)
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        return refusal("make_scenes.py", error)
+    for name, text in contents.items():
+        path = options.output / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        print(path)
     return 0
 
 

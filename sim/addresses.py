@@ -1,7 +1,7 @@
-"""Addresses: arrays, functions and counters at places in memory, for kernels that C code calls.
+"""Addresses: arrays, functions and counters at memory addresses, for kernels that C code calls.
 
-An address is a whole number. Nothing here is checked: whoever hands over an address vouches for
-what is there, and that it stays until the kernel has ended. Arrays made here own nothing.
+An address is an integer. Nothing here is checked: the caller guarantees that the address holds the
+expected data and stays valid until the kernel has ended. Arrays made here do not own their memory.
 """
 
 from collections.abc import Callable
@@ -39,7 +39,7 @@ def array_of(
 
 
 def _array_at(element: types.Type, readonly: bool) -> Callable[..., Any]:
-    """An intrinsic (address, shape) -> array of elements of a type, in C order."""
+    """Make an intrinsic (address, shape) -> array of elements of a type, in C order."""
 
     @intrinsic
     def array_at(typingctx, address, shape):
@@ -55,16 +55,16 @@ def _array_at(element: types.Type, readonly: bool) -> Callable[..., Any]:
 
 
 floats_at = _array_at(types.float64, readonly=False)
-"""Doubles at an address, in an array of a shape."""
+"""The array of doubles with a shape at an address."""
 
 words_at = _array_at(types.int64, readonly=False)
-"""Whole numbers of 8 bytes at an address."""
+"""The array of 64-bit integers at an address."""
 
 integers_at = _array_at(types.int32, readonly=True)
-"""C's integers at an address, read-only."""
+"""The read-only array of C ints at an address."""
 
 bytes_at = _array_at(types.uint8, readonly=True)
-"""Bytes at an address, read-only, as a block (`kernels.packed`) has them."""
+"""The read-only array of bytes at an address, such as a block (`kernels.packed`)."""
 
 
 @intrinsic
@@ -80,7 +80,7 @@ def rows_at(typingctx, address, count, dtype):
 
 @intrinsic
 def word_at(typingctx, address):
-    """The 8 bytes at an address as a whole number: another address, or a size."""
+    """The 64-bit integer at an address, for example another address or a size."""
 
     def codegen(context, builder, signature, args):
         return builder.load(_pointer(builder, args[0], WORD))
@@ -90,7 +90,7 @@ def word_at(typingctx, address):
 
 @intrinsic
 def integer_at(typingctx, address):
-    """C's integer at an address."""
+    """The C int at an address."""
 
     def codegen(context, builder, signature, args):
         found = builder.load(_pointer(builder, args[0], ir.IntType(32)))
@@ -100,7 +100,7 @@ def integer_at(typingctx, address):
 
 
 def _store(kind: ir.Type, number: types.Type) -> Callable[..., Any]:
-    """An intrinsic (address, number) that puts a number, as a type of C's, at an address."""
+    """Make an intrinsic (address, number) that stores a number as a C type at an address."""
 
     @intrinsic
     def store_at(typingctx, address, value):
@@ -116,16 +116,16 @@ def _store(kind: ir.Type, number: types.Type) -> Callable[..., Any]:
 
 
 store_word = _store(WORD, types.int64)
-"""Put a whole number into the 8 bytes at an address."""
+"""Store a 64-bit integer at an address."""
 
 store_integer = _store(ir.IntType(32), types.int64)
-"""The same into the 4 bytes of C's integer."""
+"""Store a C int at an address."""
 
 store_byte = _store(ir.IntType(8), types.int64)
-"""The same into a byte."""
+"""Store a byte at an address."""
 
 store_single = _store(ir.FloatType(), types.float64)
-"""Put a number into the 4 bytes of C's float."""
+"""Store a C float at an address."""
 
 
 @intrinsic
@@ -140,7 +140,7 @@ def float_at(typingctx, address):
 
 @intrinsic
 def bits_of(typingctx, number):
-    """The bits of a double as a whole number."""
+    """The bits of a double as an integer."""
 
     def codegen(context, builder, signature, args):
         return builder.bitcast(args[0], WORD)
@@ -150,7 +150,7 @@ def bits_of(typingctx, number):
 
 @intrinsic
 def atomic_add(typingctx, address, amount):
-    """Add to the whole number at an address, whatever other threads do; returns what it was."""
+    """Add to the integer at an address atomically; return its former value."""
 
     def codegen(context, builder, signature, args):
         return builder.atomic_rmw("add", _pointer(builder, args[0], WORD), args[1], "seq_cst")
@@ -160,7 +160,7 @@ def atomic_add(typingctx, address, amount):
 
 @intrinsic
 def call(typingctx, address, arguments):
-    """Call the C function at an address, which has no result, with a tuple of whole numbers."""
+    """Call the void C function at an address with a tuple of integers."""
 
     def codegen(context, builder, signature, args):
         kind = ir.FunctionType(ir.VoidType(), [WORD] * len(arguments))
@@ -172,7 +172,7 @@ def call(typingctx, address, arguments):
 
 @intrinsic
 def nanoseconds(typingctx, address, number):
-    """What the C library's clock_gettime, at an address, says of its clock of a number."""
+    """Read clock `number` [ns] by the C library's clock_gettime, which is at an address."""
 
     def codegen(context, builder, signature, args):
         fields = cgutils.alloca_once(builder, WORD, size=2)
@@ -188,7 +188,7 @@ def nanoseconds(typingctx, address, number):
 
 @intrinsic
 def call_kernel(typingctx, address, block, items, positions, rotations, time, rows):
-    """Call the kernel of a method (see `methods.method.Compiled`) that is at an address."""
+    """Call the kernel of a method (see `methods.method.Compiled`) at an address."""
     arguments = (block, items, positions, rotations, types.float64, rows)
 
     def codegen(context, builder, signature, args):
@@ -202,7 +202,7 @@ def call_kernel(typingctx, address, block, items, positions, rotations, time, ro
 
 @intrinsic
 def records_at(typingctx, address, count, size):
-    """So many records of a size at an address, for `call_kernel`, whose kernel knows their type."""
+    """An array of `count` records of `size` bytes. The kernel of `call_kernel` knows their type."""
     kind = types.Array(types.Record.make_c_struct([("_", types.int64)]), 1, "C", readonly=True)
 
     def codegen(context, builder, signature, args):
@@ -215,8 +215,11 @@ def records_at(typingctx, address, count, size):
 
 
 def named_word(name: str, address: int) -> Callable[[], int]:
-    """An intrinsic that gives an address by a name, under which kernels that are kept from one
-    process to the next find it again; both have to be told before such a kernel is loaded."""
+    """Register an address under a name and make an intrinsic that returns it.
+
+    Kernels that are cached between processes find the address again by its name, so it must be
+    registered before such a kernel is loaded.
+    """
     llvmlite.binding.add_symbol(name, address)
 
     @intrinsic

@@ -2,11 +2,13 @@
 
 import runpy
 import signal
+import sys
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
+import command_line
 from sim import Hull, Sea, Wave
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -122,12 +124,18 @@ def mean_error(wrenches: list[np.ndarray], truths: list[np.ndarray], hull: Hull)
 
 
 def status_of(script: str, *arguments: object) -> int:
-    """Exit status of a script's main in this process, which saves starting one."""
-    main = runpy.run_path(str(REPOSITORY / "scripts" / script))["main"]
+    """Exit status of a script, run in this process, which saves starting one."""
+    path = str(REPOSITORY / "scripts" / script)
+    kept, sys.argv = sys.argv, [path, *map(str, arguments)]
+    handlers = [signal.getsignal(stop) for stop in command_line.STOPS]
     try:
-        return main([str(a) for a in arguments])
+        runpy.run_path(path, run_name="__main__")
     except SystemExit as left:
         return left.code
+    finally:
+        sys.argv = kept
+        for stop, handler in zip(command_line.STOPS, handlers, strict=True):
+            signal.signal(stop, handler)
 
 
 def hear_ctrl_c() -> None:

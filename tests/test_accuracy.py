@@ -172,7 +172,7 @@ def test_speed_vs_error_says_that_matplotlib_is_missing(tmp_path, monkeypatch, c
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--methods", "linear", "guess"], "'guess' is no method"),
+        (["--methods", "linear", "guess"], "'guess' is not a method"),
         (["--hulls", "teapot"], "invalid choice: 'teapot'"),
         (["--poses", "1"], "1 is not from 2"),
         (["--quick", "--json", "nowhere/out.json"], "nowhere"),

@@ -123,5 +123,5 @@ def test_tends_to_the_reference_as_meshes_refine(make):
 
 @pytest.mark.parametrize("samples", [-1, 1.5])
 def test_refuses_samples_that_cannot_be(samples):
-    with pytest.raises(ValueError, match=r"samples is .*whole number of them, 0 to"):
+    with pytest.raises(ValueError, match=r"samples is .*whole number from 0 to"):
         Chord(Hull.from_trimesh(CUBE), Sea(), samples)

@@ -1,61 +1,85 @@
-"""What all scripts do with signals and with readers that go away."""
-
-from command_line import print_table, progress, run_script, stop_signals
+"""What all scripts do with signals, notes, files, tables and readers that go away."""
 
 import os
 import signal
 import subprocess
 import sys
+import warnings
+from contextlib import suppress
 
 import pytest
 
-from independent import REPOSITORY, hear_ctrl_c
+from command_line import (
+    UNWRITABLE,
+    Stopped,
+    check_outputs,
+    notes_said,
+    print_table,
+    progress,
+    run_script,
+    stops_held,
+    write_whole,
+)
+from independent import REPOSITORY
+from sim import ModelError, Note
 
 
-def test_signals_are_noted_and_the_handlers_restored():
-    before = [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)]
-    with stop_signals() as received:
-        assert received == []
-        os.kill(os.getpid(), signal.SIGTERM)
-        os.kill(os.getpid(), signal.SIGINT)  # at once: no insisting yet
-    assert received == [signal.SIGTERM, signal.SIGINT]
-    assert [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)] == before
+@pytest.fixture
+def handlers():
+    """Puts the signals' handlers back that `run_script` replaces."""
+    before = {stop: signal.getsignal(stop) for stop in (signal.SIGINT, signal.SIGTERM)}
+    yield before
+    for stop, handler in before.items():
+        signal.signal(stop, handler)
 
 
-def test_who_insists_ends_the_process_at_once(monkeypatch, capfd):
-    def leave(status: int) -> None:
-        raise SystemExit(status)
-
-    monkeypatch.setattr("os._exit", leave)
-    with pytest.raises(SystemExit) as left, stop_signals(same=-1.0):
-        os.kill(os.getpid(), signal.SIGTERM)
-    assert left.value.code == 143
-    assert capfd.readouterr().err.endswith(": terminated\n")
-
-
-def test_an_interrupt_anywhere_else_is_one_line_and_status_130(capsys):
-    def main() -> int:
-        raise KeyboardInterrupt
-
+def status_and_line(main, capsys) -> tuple[int, str]:
+    """How a script with this main ends, and what it prints behind its name."""
     with pytest.raises(SystemExit) as left:
         run_script(main)
-    assert left.value.code == 130
-    stderr = capsys.readouterr().err
-    assert stderr.endswith(": interrupted\n")
-    assert stderr.count("\n") == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    return left.value.code, said.partition(": ")[2].strip()
 
 
-def test_a_script_is_interrupted_in_its_imports_without_a_traceback(tmp_path):
-    """Python itself answers until command_line is imported, so the interrupt waits for that."""
-    (tmp_path / "mujoco.py").write_text(
-        "import os, signal; os.kill(os.getpid(), signal.SIGINT); import time; time.sleep(60)"
-    )
-    result = subprocess.run(
-        [sys.executable, str(REPOSITORY / "scripts" / "run.py")],
-        env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{REPOSITORY}"},
-        capture_output=True, text=True, timeout=60, preexec_fn=hear_ctrl_c,
-    )  # fmt: skip
-    assert (result.returncode, result.stderr) == (130, "run.py: interrupted\n")
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"]
+)
+def test_a_signal_ends_a_script_with_one_line_and_its_status(number, status, handlers, capsys):
+    def main() -> int:
+        os.kill(os.getpid(), number)
+        return 0
+
+    assert status_and_line(main, capsys) == (status, f"stopped by {number.name}")
+
+
+def test_a_signal_that_is_held_back_ends_the_run_between_two_samples(handlers):
+    done: list[int] = []
+
+    def run(checked: int) -> None:
+        with stops_held() as check:
+            for sample in range(4):
+                if sample == 2:
+                    os.kill(os.getpid(), signal.SIGTERM)
+                    os.kill(os.getpid(), signal.SIGINT)
+                done.append(sample)
+                if sample < checked:
+                    check()
+
+    for checked, expected in ((4, [0, 1, 2]), (0, [0, 1, 2, 3])):  # and at the end of the block
+        done.clear()
+        with pytest.raises(Stopped) as stopped:
+            run(checked)
+        assert done == expected
+        assert stopped.value.args == (signal.SIGTERM,)
+        assert handlers == {stop: signal.getsignal(stop) for stop in handlers}
+
+
+def test_a_file_that_cannot_be_written_is_one_line(handlers, capsys):
+    def main() -> int:
+        raise OSError("no space\nat all")
+
+    assert status_and_line(main, capsys) == (UNWRITABLE, "no space at all")
 
 
 def test_a_reader_that_goes_away_leaves_no_traceback(tmp_path):
@@ -70,13 +94,34 @@ def test_a_reader_that_goes_away_leaves_no_traceback(tmp_path):
     assert (tmp_path / "meshes" / "wigley.obj").is_file()
 
 
+def notes_of(capsys) -> list[str]:
+    return [line.partition(": note: ")[2] for line in capsys.readouterr().err.splitlines()]
+
+
+def test_notes_are_lines_each_once_and_only_of_what_succeeds(capsys):
+    def warn() -> None:
+        for text in ("one\nline", "one\nline", "another"):
+            warnings.warn(text, Note, stacklevel=1)
+        warnings.warn("a library's", UserWarning, stacklevel=1)
+
+    with notes_said():
+        warn()
+    assert notes_of(capsys) == ["one line", "another", "a library's"]
+    with notes_said(quiet=True):
+        warn()
+    assert notes_of(capsys) == []
+    faults = ModelError(["a fault"])  # which a note may explain
+    for error, notes in ((OSError("full"), []), (faults, ["one line", "another"])):
+        with suppress(type(error)), notes_said():
+            warn()
+            raise error
+        assert notes_of(capsys) == notes
+
+
 def test_tables_align_names_left_and_numbers_right(capsys):
     print_table(("body", "height m"), [("cube", "0.10"), ("long name", "-12.345")])
     lines = capsys.readouterr().out.splitlines()
     assert lines == ["body       height m", "cube           0.10", "long name   -12.345"]
-    rows = (row for row in [("a", "1"), ("b", "2")])  # printed as they come
-    print_table(("", "x"), rows, widths={"": 3, "x": 4})
-    assert capsys.readouterr().out.splitlines() == ["        x", "a       1", "b       2"]
 
 
 def test_progress_is_shown_on_a_terminal_only(monkeypatch, capsys):
@@ -89,3 +134,41 @@ def test_progress_is_shown_on_a_terminal_only(monkeypatch, capsys):
             bar.update(5.0)
             bar.refresh()
         assert ("of 10 s" in capsys.readouterr().err) == seen
+
+
+def test_what_fails_leaves_the_old_file(tmp_path):
+    file = tmp_path / "report.json"
+    file.write_text("old")
+
+    def fail(beside):
+        beside.write_text("half of it")
+        raise OSError("no space")
+
+    with pytest.raises(OSError, match="no space"):
+        write_whole(file, fail)
+    assert file.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
+    link = tmp_path / "link.json"
+    link.symlink_to(file)
+    write_whole(link, lambda beside: beside.write_text("new"))
+    assert file.read_text() == "new"
+    assert link.is_symlink()
+    write_whole(tmp_path / "new" / "folder" / "a", lambda beside: beside.write_text("there"))
+    assert (tmp_path / "new" / "folder" / "a").read_text() == "there"
+
+
+def test_outputs_that_cannot_be_written_are_refused_before_the_work(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    file.touch()
+    check_outputs((None, file, tmp_path / "new" / "folder" / "a"), [])
+    for bad, message in (
+        (tmp_path, "is a folder or a device"),
+        (tmp_path.joinpath("/dev/null"), "is a folder or a device"),
+        (file / "deep" / "a", "cannot be written because of .*file; give another name"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            check_outputs([bad], [])
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    with pytest.raises(ValueError, match="cannot be written because of"):
+        check_outputs([file], [])
+    assert list(tmp_path.iterdir()) == [file]

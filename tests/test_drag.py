@@ -9,7 +9,7 @@ from scenes import CUBE, WAVES, model
 from independent import DENSITY, GRAVITY, MODELS, ROUND_OFF, load_mesh, random_rotation, three_waves
 from sim import Buoyancy, Drag, DragCoefficients, Hull, Scene, Sea, Wave, simulate
 from sim.resistance.drag import ELEMENTS, WORK, surface_elements
-from sim.resistance.rigid_fit import HOLD, fit_matrix, fit_motion
+from sim.resistance.rigid_fit import MEAN_VELOCITY_SHARE, fit_matrix, fit_motion
 from sim.water.gerstner import LABELS, set_labels, solve_labels
 from sim.water.motion import ACCELERATION, MOTION, VELOCITY, water_motion
 
@@ -490,7 +490,7 @@ def test_the_fit_is_the_least_of_all():
     normals = np.stack([surface[f"normal_{axis}"][0] for axis in "xyz"], axis=1)
     mean = area @ velocities.T / area.sum()
     basis = np.hstack([normals, np.cross(places, normals)])
-    hold = HOLD / 3.0 * np.repeat([area.sum(), area @ (places**2).sum(axis=1)], 3)
+    hold = MEAN_VELOCITY_SHARE / 3.0 * np.repeat([area.sum(), area @ (places**2).sum(axis=1)], 3)
     off = found - [*mean, 0, 0, 0]
     gradient = basis.T @ (area * ((normals * (velocities.T - mean)).sum(axis=1) - basis @ off))
     np.testing.assert_allclose(gradient, hold * off, atol=1e-12 * area.sum())

@@ -35,7 +35,7 @@ def shift(monkeypatch):
     layout.offsets.cache_clear()
 
 
-FIELDS = {*layout.OPTIONS, *layout.MODEL, *layout.DATA} - {"nplugin"}
+FIELDS = {*layout.OPTION_FIELDS, *layout.MODEL_FIELDS, *layout.DATA_FIELDS} - {"nplugin"}
 """Behind nplugin stands npluginattr, which is the same number where no plugin has attributes."""
 
 
@@ -46,7 +46,7 @@ def test_a_field_that_is_elsewhere_is_noticed(field, shift):
         layout.offsets()
 
 
-@pytest.mark.parametrize("name", layout.CONTENT + layout.OF_MATRICES)
+@pytest.mark.parametrize("name", layout.CONTENT_FIELDS + layout.MATRIX_FIELDS)
 def test_what_hulls_are_made_from_is_looked_for_where_it_is(name):
     """Its place, the number of its rows and their size, in a model of several of each."""
     robot = MODELS / "articulated.xml"

@@ -206,7 +206,7 @@ def test_the_script_mends_and_never_writes_over_its_input(tmp_path, capsys):
     assert file.read_bytes() == before
     assert run(file, "--repair", out, "--json", out) == 2
     assert run(file, "--repair", tmp_path / "cat.step") == 2
-    assert run(file, "--repair", tmp_path / "no" / "cat.obj") == 2
+    assert run(file, "--repair", tmp_path / "new" / "cat.obj") == 0
     assert run(tmp_path / "none.stl") == 2
     empty = tmp_path / "empty.obj"
     empty.write_text("# nothing\n")

@@ -44,7 +44,7 @@ def test_a_method_from_outside_is_one_class_and_one_entry(monkeypatch):
         ("linear", (Linear, None, "froude-krylov")),
         ("chord:2", (Chord, ("samples", 2), "froude-krylov")),
         ("patches:0.01", (Patches, ("tolerance", 0.01), "froude-krylov")),
-        ("reference:1e-6/hydrostatic", (Reference, ("tolerance", 1e-6), "hydrostatic")),
+        ("reference:1e-6/hydrostatic", (Reference, ("_tolerance", 1e-6), "hydrostatic")),
         ("chord:3:crests", (Chord, ("crests_only", True), "froude-krylov")),
     ],
 )
@@ -60,7 +60,7 @@ def test_labels_name_a_method_its_setting_and_a_pressure(label, made):
 @pytest.mark.parametrize(
     ("label", "message"),
     [
-        ("guess", "'guess' is no method; expected one of: linear, chord, patches, reference"),
+        ("guess", "'guess' is not a method; expected one of: linear, chord, patches, reference"),
         ("linear:4", "'linear:4': linear takes no number"),
         ("chord:x", "invalid literal"),
         ("patches:0", r"method 'patches': the tolerance is 0.0"),

@@ -214,11 +214,11 @@ REFUSALS = {
     ),
     "unknown method": (
         dict(custom='<text name="buoyancy_method" data="magic"/>'),
-        "custom text 'buoyancy_method': 'magic' is no method; expected one of: linear, chord",
+        "custom text 'buoyancy_method': 'magic' is not a method; expected one of: linear, chord",
     ),
     "unknown method of a geom": (
         dict(custom='<text name="buoyancy_method_cube" data="magic"/>'),
-        "'buoyancy_method_cube': 'magic' is no method",
+        "'buoyancy_method_cube': 'magic' is not a method",
     ),
     "method of an unknown geom": (
         dict(custom='<text name="buoyancy_method_ball" data="linear"/>'),
@@ -230,7 +230,7 @@ REFUSALS = {
     ),
     "a setting behind a method": (
         dict(custom='<text name="buoyancy_method" data="chord:3"/>'),
-        "'chord:3' is no method; expected one of",
+        "'chord:3' is not a method; expected one of",
     ),
     "negative tolerance": (
         dict(custom='<numeric name="buoyancy_tolerance" data="-1"/>'),
@@ -306,7 +306,7 @@ REFUSALS = {
     ),
     "added mass of another hull": (
         dict(custom=f'<numeric name="added_mass" data="{numbers(11000.0 * np.eye(6))}"/>'),
-        "'added_mass': the added mass matrix has 1.1e\\+04 kg, 10.7 times what the hull displaces",
+        "'added_mass': the added mass matrix has 1.1e\\+04 kg, 10.7 times the displaced mass",
     ),
     "negative damping": (
         dict(custom='<numeric name="damping" data="1 1 1 0 0 -3"/>'),

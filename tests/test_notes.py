@@ -9,10 +9,9 @@ import made_hulls
 import mujoco
 import numpy as np
 import pytest
-import run as run_script
 from scenes import CUBE, WAVES, afloat, model, xml
 
-from independent import DENSITY, GRAVITY, MODELS
+from independent import DENSITY, GRAVITY, MODELS, status_of
 from sim import Buoyancy, ModelError, Note, Scene, hydrostatics
 from sim.mjcf.geoms import geom_hull
 
@@ -95,7 +94,7 @@ def test_all_faults_are_told_at_once(tmp_path, capsys):
         Scene.load(mujoco.MjSpec.from_string(FAULTY))
     faults = caught.value.faults
     words = ("density is 1000", "flag gravity", "wave_a' has 3", "water_depth' is unknown",
-             "rock' belongs to the world", "'magic' is no method")  # fmt: skip
+             "rock' belongs to the world", "'magic' is not a method")  # fmt: skip
     for word in words:
         assert sum(word in fault for fault in faults) == 1, word
     assert all("\n" not in fault for fault in faults)
@@ -103,7 +102,7 @@ def test_all_faults_are_told_at_once(tmp_path, capsys):
         assert again.faults == faults
     file = tmp_path / "faulty.xml"
     file.write_text(FAULTY)
-    assert run_script.main([str(file), "--no-record"]) == 2
+    assert status_of("run.py", file, "--no-record") == 2
     lines = capsys.readouterr().err.strip().split("\n")
     assert len(lines) == len(faults)
     assert all(line.startswith(f"run.py: {file}: ") for line in lines)
@@ -372,12 +371,12 @@ def test_a_start_that_does_not_stay_is_noted(case):
 def test_run_says_notes_in_one_line_each(tmp_path, capsys):
     file = tmp_path / "light.xml"
     file.write_text(xml(CUBE.replace("512.5", "1"), option='<option density="1.2"/>'))
-    arguments = [str(file), "--no-record", "--duration", "0.01"]
-    assert run_script.main(arguments) == 0
+    arguments = [file, "--no-record", "--duration", "0.01"]
+    assert status_of("run.py", *arguments) == 0
     lines = [line for line in capsys.readouterr().err.split("\n") if "note" in line]
     assert len(lines) == 2
     assert all(line.startswith("run.py: note: ") for line in lines)
-    assert run_script.main([*arguments, "--quiet"]) == 0
+    assert status_of("run.py", *arguments, "--quiet") == 0
     assert capsys.readouterr().err == ""
 
 

@@ -1,82 +1,85 @@
-"""Where recordings are written: one writer a file, and a word when somebody touches it."""
+"""Where recordings are written: one writer for a file, and what ends a recording."""
 
 import os
-import subprocess
-import sys
+import time
+from threading import Thread
 
 import pytest
 
-from independent import MODELS, REPOSITORY, status_of
+from command_line import UNUSABLE_INPUT, UNWRITABLE
+from independent import MODELS, status_of
 from sim import Recorder, Scene, read_series, simulate
 
-SAMPLES = 200
-"""Enough that Rerun has the first of them on disk."""
+CUBE = MODELS / "cube.xml"
 
 
-def record(recorder: Recorder, scene: Scene, meddle) -> None:
+def record(path, scene: Scene, meddle) -> None:
     """A run half way through which something happens to the file."""
-    with recorder:
-        for i, sample in enumerate(simulate(scene, SAMPLES / 30.0)):
+    with Recorder(path, scene, water_resolution=2) as recorder:
+        for i, sample in enumerate(simulate(scene, 2.0)):
             recorder.log(sample)
-            if i == SAMPLES // 2:
-                recorder._output.flush()
+            if i == 30:
                 meddle()
 
 
 def test_a_file_has_one_writer_and_nothing_of_it_is_lost(tmp_path):
-    scene, path = Scene.load(MODELS / "cube.xml"), tmp_path / "a.rrd"
+    scene, path = Scene.load(CUBE), tmp_path / "new" / "folder" / "a.rrd"
 
     def try_too() -> None:
         with pytest.raises(OSError, match=r"a\.rrd is being written by another run; give another"):
             Recorder(path, scene)
 
-    record(Recorder(path, scene), scene, try_too)
-    assert len(read_series(path)["height/cube"][0]) == SAMPLES + 1
+    record(path, scene, try_too)
+    assert len(read_series(path)["height/cube"][0]) == 61
     Recorder(path, scene).close()  # it is free again
 
 
-def test_a_killed_run_leaves_no_lock(tmp_path):
+def replaced(path) -> None:
+    path.unlink()
+    path.write_bytes(b"another's")
+
+
+@pytest.mark.parametrize("meddle", [os.remove, replaced], ids=["removed", "replaced"])
+def test_a_recording_that_is_removed_ends_the_run(meddle, tmp_path):
+    scene, path = Scene.load(CUBE), tmp_path / "a.rrd"
+    with pytest.raises(OSError, match=r"a\.rrd: the recording was removed while it was written"):
+        record(path, scene, lambda: meddle(path))
+    assert not path.exists() or path.read_bytes() == b"another's"
+
+
+def test_a_script_whose_recording_is_removed_says_so_and_sums_up(tmp_path, capfd):
     path = tmp_path / "a.rrd"
-    lines = (
-        "import os, sys; from sim import Recorder, Scene; "
-        "Recorder(sys.argv[2], Scene.load(sys.argv[1])); os.kill(os.getpid(), 9)"
-    )
-    command = [sys.executable, "-c", lines, str(MODELS / "cube.xml"), str(path)]
-    assert subprocess.run(command, cwd=REPOSITORY, timeout=60).returncode == -9
-    assert path.exists()
-    Recorder(path, Scene.load(MODELS / "cube.xml")).close()
+
+    def remove() -> None:
+        while not (path.exists() and path.stat().st_size > 500_000):
+            time.sleep(0.01)
+        path.unlink()
+
+    remover = Thread(target=remove, daemon=True)
+    remover.start()
+    assert status_of("run.py", CUBE, "--duration", 60, "--record", path) == UNWRITABLE
+    told = capfd.readouterr()
+    *notes, line = told.err.splitlines()
+    assert line == f"run.py: {path}: the recording was removed while it was written"
+    assert all(note.startswith("run.py: note: ") for note in notes)
+    assert "x real time" in told.out
+    assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("meddle", "message"),
-    [
-        (os.remove, "was removed while it was written"),
-        (lambda path: os.truncate(path, 1000), "was cut or replaced while it was written"),
-        (lambda path: (os.remove(path), path.write_bytes(b"RRF2")), "was cut or replaced"),
-    ],
-    ids=["removed", "cut", "replaced"],
-)
-def test_who_meddles_with_a_recording_ends_the_run(meddle, message, tmp_path):
-    scene, path = Scene.load(MODELS / "cube.xml"), tmp_path / "a.rrd"
-    with pytest.raises(OSError, match=rf"a\.rrd: the recording {message}"):
-        record(Recorder(path, scene), scene, lambda: meddle(path))
-
-
-def test_a_recording_that_was_touched_by_nobody_is_no_trouble(tmp_path):
-    scene, path = Scene.load(MODELS / "cube.xml"), tmp_path / "a.rrd"
-    record(Recorder(path, scene), scene, lambda: None)
-    assert len(read_series(path)["height/cube"][0]) == SAMPLES + 1
+def test_what_is_recorded_stays_until_the_new_recording_begins(tmp_path, capfd):
+    path, broken = tmp_path / "a.rrd", tmp_path / "broken.xml"
+    path.write_bytes(b"of yesterday")
+    broken.write_text("<mujoco/>")
+    assert status_of("run.py", broken, "--record", path) == UNUSABLE_INPUT
+    assert status_of("run.py", CUBE, "--timestep", "1e-12", "--record", path) == UNUSABLE_INPUT
+    assert path.read_bytes() == b"of yesterday"
+    assert status_of("run.py", CUBE, "--duration", 0.1, "--record", path, "--quiet") == 0
+    assert len(read_series(path)["height/cube"][0]) == 4
 
 
 def test_rerun_switched_off_is_said(tmp_path, monkeypatch, capfd):
     monkeypatch.setenv("RERUN", "off")
-    arguments = MODELS / "cube.xml", "--duration", "0.1", "--record", tmp_path / "a.rrd"
-    assert status_of("run.py", *arguments) == 2
+    arguments = CUBE, "--duration", "0.1", "--record", tmp_path / "a.rrd"
+    assert status_of("run.py", *arguments) == UNUSABLE_INPUT
     assert "variable RERUN is 'off', so Rerun would write an empty" in capfd.readouterr().err
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no device that is full")
-def test_a_disk_that_is_full_at_the_start_is_told_from_bad_input(capfd):
-    assert status_of("run.py", MODELS / "cube.xml", "--record", "/dev/full") == 4
-    assert "No space left on device; make room" in capfd.readouterr().err

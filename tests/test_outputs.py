@@ -1,6 +1,4 @@
-"""Outputs: nothing that is read is written over, and what fails leaves what was there."""
-
-import command_line
+"""Outputs: nothing that a script reads is written over."""
 
 import shutil
 from pathlib import Path
@@ -85,24 +83,3 @@ def test_a_recording_that_is_read_is_not_written_over(tmp_path, capsys):
     assert status_of("snapshot.py", file, "--output", file) != 0
     assert file.read_bytes() == b"RRF2 and so on"
     assert "written over" in capsys.readouterr().err
-
-
-def test_what_fails_leaves_the_old_file(tmp_path):
-    file = tmp_path / "report.json"
-    file.write_text("old")
-
-    def fail(beside):
-        beside.write_text("half of it")
-        raise OSError("no space")
-
-    with pytest.raises(OSError, match="no space"):
-        command_line.write_whole(file, fail)
-    assert file.read_text() == "old"
-    assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
-    link = tmp_path / "link.json"
-    link.symlink_to(file)
-    command_line.write_whole(link, lambda beside: beside.write_text("new"))
-    assert file.read_text() == "new"
-    assert link.is_symlink()
-    command_line.check_writable(tmp_path / "another.json")
-    assert not (tmp_path / "another.json").exists()

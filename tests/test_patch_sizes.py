@@ -9,13 +9,13 @@ from benchmarks.random_cases import random_cases, random_hull
 from benchmarks.seas import SEAS, waterline_poses
 from sim import Hull, Patches, Reference, Sea, Wave
 from sim.geometry import across, area_vectors, areas, cone_volumes, sides, split_triangles
-from sim.methods import patch_sizes
+from sim.methods.patches import sizes as patch_sizes
 from sim.methods.patches.fit import jet_radius, jet_tolerance
 from sim.methods.patches.sizes import (
-    FEW,
-    FILLING,
-    LARGER,
-    MANY,
+    EDGE_RADII,
+    FEW_PATCHES,
+    LARGER_RADIUS_RATIO,
+    MANY_PATCHES,
     MOST_PATCHES,
     MOST_TRIANGLES,
     _radius_of,
@@ -34,10 +34,10 @@ def box(extents) -> Hull:
 @pytest.mark.parametrize(
     ("extents", "steepness", "tolerance", "reason"),
     [
-        ((200.0, 30.0, 20.0), 0.5, 1e-4, r"patches below .* more than 100000 on this hull; ask"),
-        ((10.0, 4.0, 2.0), 0.95, 1e-3, r"patches below .* more than 100000 on this hull; ask"),
-        ((10.0, 4.0, 2.0), 0.3, 1e-30, r"patches below .* more than 100000 on this hull; ask"),
-        ((100.0, 100.0, 1.0), 0.05, 1e-4, r"triangles with .* more than 2000000 on this hull; ask"),
+        ((200.0, 30.0, 20.0), 0.5, 1e-4, r"patches below .* more than 100000 on this hull; use"),
+        ((10.0, 4.0, 2.0), 0.95, 1e-3, r"patches below .* more than 100000 on this hull; use"),
+        ((10.0, 4.0, 2.0), 0.3, 1e-30, r"patches below .* more than 100000 on this hull; use"),
+        ((100.0, 100.0, 1.0), 0.05, 1e-4, r"triangles with .* more than 2000000 on this hull; use"),
     ],
 )
 def test_refuses_a_tolerance_that_asks_for_too_much(
@@ -63,9 +63,9 @@ def test_the_default_tolerance_has_a_budget(extents, steepness):
     wished = default_tolerance(hull)
     assert method.is_coarse == bool(method.notes)
     if not method.is_coarse:
-        assert method.tolerance <= wished * LARGER**4
-        assert method.tolerance <= wished or len(method.tree.patches) > 0.3 * MANY
-        assert method.tolerance >= wished or len(method.tree.patches) < 4 * FEW
+        assert method.tolerance <= wished * LARGER_RADIUS_RATIO**4
+        assert method.tolerance <= wished or len(method.tree.patches) > 0.3 * MANY_PATCHES
+        assert method.tolerance >= wished or len(method.tree.patches) < 4 * FEW_PATCHES
     else:  # no more than it takes: the budget is used
         assert len(method.tree.patches) > 0.5 * MOST_PATCHES or max(extents) == 20.0
 
@@ -85,7 +85,7 @@ def test_how_many_patches_there_will_be_is_known_to_a_factor():
         name, hull = random_hull(np.random.default_rng([7, number]))
         for estimate in (30, 200):
             radius = _radius_of(hull, estimate)
-            count = len(build_tree(hull, radius, FILLING * radius).patches)
+            count = len(build_tree(hull, radius, EDGE_RADII * radius).patches)
             assert 0.25 * estimate < count < 1.25 * estimate, name
 
 
@@ -148,7 +148,7 @@ def test_heads_that_are_linear_over_triangles_miss_less_than_jets():
 def test_where_patches_are_many_each_may_be_larger():
     hull, sea = box((1.0, 1.0, 1.0)), Sea([Wave(0.8 * 4.0 / TURN, 4.0)])
     by_default, as_wished = Patches(hull, sea), Patches(hull, sea, default_tolerance(hull))
-    assert 0.3 * MANY < len(by_default.tree.patches) < 0.6 * len(as_wished.tree.patches)
+    assert 0.3 * MANY_PATCHES < len(by_default.tree.patches) < 0.6 * len(as_wished.tree.patches)
     assert by_default.tolerance > 2.0 * as_wished.tolerance
     poses = waterline_poses(hull, sea, 3, seed=1)
     truth = wrenches(Reference(hull, sea, 1e-5), poses)

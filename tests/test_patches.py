@@ -21,7 +21,7 @@ from sim import Hull, Linear, Patches, Reference, Sea, Wave
 from sim.methods import Place
 from sim.methods.patches import fit
 from sim.methods.patches.fit import (
-    SHIFT,
+    CENTRE_SHIFT_RADII,
     fitted_waves,
     head_jet_error,
     jet_error,
@@ -152,7 +152,7 @@ def test_jets_hold_at_other_places_than_those_that_they_were_tried_on(monkeypatc
     for water, find_error in ((sea.hydrostatic, jet_error), (decaying(sea), head_jet_error)):
         radius, _ = jet_radius(water, tolerance, largest=1.0)
         monkeypatch.setattr(fit, "sample_places", lambda _: places)
-        error = find_error(water, jet_waves(water, radius), (1.0 + SHIFT) * radius)
+        error = find_error(water, jet_waves(water, radius), (1.0 + CENTRE_SHIFT_RADII) * radius)
         monkeypatch.undo()
         assert 0.5 * tolerance < error < tolerance
 

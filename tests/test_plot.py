@@ -35,7 +35,7 @@ def test_a_picture_is_drawn_of_a_series_and_of_a_recording(kind, tmp_path, capsy
 
 def test_what_is_no_series_is_said_in_one_line(tmp_path, capsys):
     (tmp_path / "a.csv").write_text("time,x\n1,2\n")
-    for name, message in (("a.csv", "is no series of run.py"), ("b.csv", "there is no file")):
+    for name, message in (("a.csv", "is not a series of run.py"), ("b.csv", "there is no file")):
         assert status_of("plot.py", tmp_path / name) == 2
         told = capsys.readouterr().err
         assert message in told

@@ -118,7 +118,7 @@ def test_a_file_that_is_no_recording_is_not_mended(tmp_path, capsys):
     path = tmp_path / "notes.txt"
     path.write_text("not a recording")
     assert read_recording.main([str(path), "--mend"]) == 2
-    assert "is no recording; it is left alone" in capsys.readouterr().err
+    assert "is not a recording; it was not changed" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
     assert path.read_text() == "not a recording"
 

@@ -12,11 +12,12 @@ import pytest
 import rerun as rr
 import trimesh
 from rerun.chunk import RrdReader
-from scenes import CUBE, WAVES, model
+from scenes import CUBE, WAVES, afloat, model
 
 from independent import MODELS, ROUND_OFF
-from sim import Recorder, Scene, Sea, Tally, Wave, read_series, simulate
+from sim import Recorder, Scene, Sea, Tally, Wave, hydrostatics, read_series, simulate
 from sim.geometry import rotation_matrix
+from sim.methods import METHODS, Method
 from sim.recording.display_mesh import DisplayMeshes, shaded_corners, with_hue_turned
 from sim.recording.frame import Artist, thinned
 from sim.recording.look import sea_in_words, side_by_side_blueprint
@@ -24,7 +25,8 @@ from sim.recording.output import Output
 from sim.recording.recorder import SceneWriter
 from sim.recording.twins import GOLDEN_TURN
 from sim.recording.waterline_curves import WATERLINE_ERROR
-from sim.runs.motions import Motions
+from sim.runs.motions import motion
+from sim.runs.series import Series
 
 FLOAT32 = 1e-6
 """Relative error of positions: Rerun keeps them in single precision."""
@@ -67,7 +69,8 @@ def run(tmp_path_factory):
 def test_time_series_are_the_samples(run):
     scene, samples, path = run
     weights = scene.model.body_mass[scene.buoyancy.bodies] * 9.81
-    motions = Motions(Scene.load(MODELS / "trio.xml"))
+    rest_heights = Scene.load(MODELS / "trio.xml").rest_heights
+    motions = [motion(s, scene.buoyancy.sea, rest_heights) for s in samples]
     expected = {
         "plots/height/{}": [s.centres[:, 2] for s in samples],
         "plots/height/{}/water": [s.elevations for s in samples],
@@ -75,10 +78,10 @@ def test_time_series_are_the_samples(run):
         "plots/submerged/{}": [s.submerged_fractions for s in samples],
         "plots/force/{}": [s.body_wrenches[:, 2] / weights for s in samples],
         "plots/surge/{}": [s.positions[:, 0] - samples[0].positions[:, 0] for s in samples],
-        "plots/heave/{}": [motions.of(s).heave for s in samples],
+        "plots/heave/{}": [m.heave for m in motions],
         "plots/heave/{}/water": [s.elevations for s in samples],
-        "plots/heel/{}": [motions.of(s).heel_deg for s in samples],
-        "plots/trim/{}": [motions.of(s).trim_deg for s in samples],
+        "plots/heel/{}": [m.heel_deg for m in motions],
+        "plots/trim/{}": [m.trim_deg for m in motions],
     }
     for i, body in enumerate(scene.buoyancy.body_names):
         for entity, values in expected.items():
@@ -282,6 +285,50 @@ def test_of_many_bodies_only_the_first_are_plotted_and_very_many_are_not_shaded(
     )
     assert names[0].tolist() == [f"ball{i}" for i in range(6, count)]
     assert np.shape(rows) == (4, count - 6)
+
+
+class Pushed(Method):
+    """A method from outside: it lifts the hull by its whole volume."""
+
+    def wrench(self, position, rotation, time):
+        lift = self.sea.density * self.sea.gravity * self.hull.volume
+        return np.array([0.0, 0.0, lift, 0.0, 0.0, 0.0])
+
+
+class Tolerant(Pushed):
+    tolerance = 0.25
+
+
+@pytest.mark.parametrize(
+    ("method", "said"),
+    [(Pushed, "1 m³, pushed\n"), (Tolerant, "1 m³, tolerant to 0.25 m of water height\n")],
+    ids=["without a tolerance", "with one"],
+)
+def test_methods_from_outside_are_recorded(method, said, tmp_path, monkeypatch):
+    monkeypatch.setitem(METHODS, "own", method)
+    scene, path = afloat(load={"method": "own"}), tmp_path / "a.rrd"
+    with Recorder(path, scene) as recorder:
+        for sample in simulate(scene, 0.1):
+            recorder.log(sample)
+    assert said in read(path, "overview", "TextDocument:text")[1][-1][0]
+
+
+def test_the_rest_of_a_scene_is_searched_for_once(tmp_path, monkeypatch):
+    scene, searches = Scene.load(MODELS / "cube.xml"), []
+
+    def search(*arguments, **options):
+        searches.append(arguments)
+        return hydrostatics(*arguments, **options)
+
+    monkeypatch.setattr("sim.scenes.scene.hydrostatics", search)
+    series = Series(scene)
+    with Recorder(tmp_path / "a.rrd", scene, water_resolution=2) as recorder:
+        for sample in simulate(scene, 0.1):
+            series.add(sample)
+            recorder.log(sample)
+    assert len(searches) == 1
+    heave = read_series(tmp_path / "a.rrd")["heave/cube"][1]
+    np.testing.assert_array_equal(series.columns()["heave"], heave)
 
 
 def test_many_waterlines_are_thinned_and_stay_closed():

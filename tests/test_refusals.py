@@ -2,8 +2,6 @@
 is 2. The tables are made from the descriptions of custom fields, options and command lines, so what
 is new there is tried here without a word."""
 
-import command_line
-
 import argparse
 import runpy
 
@@ -12,6 +10,7 @@ import numpy as np
 import pytest
 from scenes import CUBE, xml
 
+import command_line
 from independent import MODELS, REPOSITORY, status_of
 from sim.mjcf.fields import METHOD, NUMERICS, PRESSURE, Number
 

@@ -454,7 +454,7 @@ def test_files_lie_in_the_current_folder_where_mujoco_itself_compiles(tmp_path, 
 
 
 def test_a_percent_sign_is_no_format_of_printf():
-    with pytest.raises(ValueError, match="'%s%n' is no method"):
+    with pytest.raises(ValueError, match="'%s%n' is not a method"):
         model(custom='<text name="buoyancy_method" data="%s%n"/>')
 
 
@@ -715,3 +715,14 @@ def test_eight_environments_of_one_file_live_side_by_side():
         for push in pushes[:, i]:
             expected, *_ = alone.step(push)
         np.testing.assert_array_equal(found[i], expected)
+
+
+def test_ctrl_c_ends_the_reading_of_a_model(monkeypatch):
+    """It comes while MuJoCo waits for us, and would be lost if it were raised there."""
+
+    def interrupt(model):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(seam, "read_model", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        afloat(CUBE.replace("512.5", "317.25"))  # which no other test has had read

@@ -85,7 +85,7 @@ def test_a_seed_is_that_of_the_irregular_sea():
         ("wave_swell.wavelength=-1", "the wavelength is -1 m; it must be above 0"),
         ("seed=3", "the scene has no irregular sea"),
         ("drag_ball=1 1 1", "names no geom of the tuple 'buoyant'"),
-        ("buoyancy_method=magic", "'magic' is no method"),
+        ("buoyancy_method=magic", "'magic' is not a method"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(setting, message):
@@ -220,14 +220,14 @@ def test_a_sea_gives_back_the_record_that_it_was_made_of(place, tmp_path):
     ("name", "text", "message"),
     [
         ("sea_components", None, "there is no file"),
-        ("sea_components", "", "expected a line with the names of its columns"),
+        ("sea_components", "", "expected a header with names from"),
         ("sea_components", "amplitude,depth\n1,2\n", "begins with 'amplitude,depth'; expected"),
         ("sea_components", "amplitude\n1\n", "has the columns amplitude; expected amplitude, wave"),
         ("sea_components", "amplitude,period\n0.1\n", "line 2: expected 2 finite numbers"),
         ("sea_components", "amplitude,period\n0.1,x\n", "line 2: expected 2 finite numbers"),
         ("sea_components", "amplitude,wavelength\n0.1,9\n-1,9\n", "line 3: wave amplitude is -1"),
         ("sea_components", "amplitude,wavelength\n2,3\n", "the waves fold"),
-        ("sea_record", "time,elevation\n0,1\n1,2\n", "expected 8 or more times that rise"),
+        ("sea_record", "time,elevation\n0,1\n1,2\n", "expected 8 or more times in rising order"),
         ("sea_record", "time,height\n0,1\n1,2\n", "expected a line with the names"),
     ],
 )

@@ -1,5 +1,7 @@
 """Stepping: samples, their instants, divergence, interleaving; and scenes."""
 
+from functools import partial
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from scenes import CUBE, WAVES, afloat, model
 
 from independent import MODELS
 from sim import DivergenceError, Patches, Scene, Tally, observe, simulate
+from sim.plugin.context import Context
 
 SCENES = ("cube", "bunny", "dragon", "trio")
 
@@ -263,3 +266,23 @@ def test_a_run_of_more_steps_than_anyone_waits_for_is_refused():
     scene = afloat(load=dict(timestep=1e-12))
     with pytest.raises(ValueError, match=r"10 s are 1e\+13 steps of 1e-12 s, more than 1e\+09"):
         simulate(scene, 10.0)
+
+
+@pytest.mark.parametrize("pressure", ["froude-krylov", "hydrostatic"])
+def test_a_sample_computes_the_push_once(pressure, monkeypatch):
+    drag = '<numeric name="drag" data="0.2 1 0.005"/>'
+    scene, pushes = afloat(custom=WAVES + drag, load=dict(pressure=pressure)), []
+    scene.data.qvel[:] = 0.3
+
+    def push(context, *arguments):
+        pushes.append(context)
+        return Context.push(context, *arguments)
+
+    monkeypatch.setattr(scene.buoyancy._context, "push", partial(push, scene.buoyancy._context))
+    sample = observe(scene)
+    assert len(pushes) == 1
+    buoyancy, data = scene.buoyancy, scene.data
+    np.testing.assert_array_equal(sample.wrenches, buoyancy.wrenches(data))
+    np.testing.assert_array_equal(sample.submerged_fractions, buoyancy.submerged_volumes(data))
+    np.testing.assert_array_equal(sample.drag_wrenches, buoyancy.drag_wrenches(data))
+    assert np.abs(sample.drag_wrenches).max() > 1.0

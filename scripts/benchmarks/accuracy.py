@@ -1,8 +1,8 @@
 """Accuracy: errors and timings of methods.
 
-Errors are taken against `Reference`, forces relative to density * gravity * volume and torques to
-that times the hull's longest side, over seeded poses in which the water cuts the hull. Times are of
-methods taken in turns, so that whatever else the machine does slows all of them alike.
+Errors are relative: forces to density * gravity * volume, torques to that force times the hull's
+longest side. The methods are timed in turns, so that other load on the machine slows all of them
+alike.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,31 +22,34 @@ from sim.water.sea import Sea
 Array = NDArray[np.float64]
 
 FEWEST_ROUNDS = 3
-"""Rounds of timing below which a minimum and a median mean nothing."""
+"""Least number of timing rounds for a meaningful minimum and median."""
 
-IN_A_ROW = 3
-"""Times that a pose is computed at once, the fastest of which counts: a simulation's next pose is
-nearly the same too, so what the last one needed is still in the caches."""
+REPEATS_PER_POSE = 3
+"""Times that each pose is computed in succession; the fastest counts. Successive poses of a
+simulation are nearly the same too, so the data they need is already in the caches."""
 
-CHANGES = ("horizontal", "vertical", "torque")
-"""Errors whose change against the baseline's is stated."""
+COMPARED_ERRORS = ("horizontal", "vertical", "torque")
+"""Names of the errors that are compared with the baseline's."""
 
 
 def longest_side(hull: Hull) -> float:
-    """Longest side [m] of the hull's box."""
+    """Longest side [m] of the hull's bounding box."""
     return float(np.ptp(hull.bounds, axis=0).max())
 
 
 def wrenches(method: Method, poses: Sequence[Pose]) -> Array:
-    """Wrenches (N, 6) [N, N m] of a method at poses."""
+    """Wrenches (N, 6) [N, N m] of a method at N poses."""
     return np.array([method.wrench(*pose) for pose in poses])
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors over poses: largest and root mean square of the force, of its horizontal and vertical
-    parts (of density * gravity * volume) and of the torque (of that times the longest side);
-    bias: mean error of the vertical force, upwards, and the standard error of that mean."""
+    """Largest and root mean square (rms) errors over poses.
+
+    Errors of the force and of its horizontal and vertical components are shares of density *
+    gravity * volume; errors of the torque are shares of that force times the longest side. bias:
+    mean error of the vertical force, positive upwards. bias_error: standard error of that mean.
+    """
 
     force_max: float
     force_rms: float
@@ -61,18 +64,18 @@ class Errors:
 
 
 def errors(found: Array, truth: Array, method: Method) -> Errors:
-    """Errors of wrenches (N, 6) of a method against the true ones."""
+    """Errors of a method's wrenches (N, 6) against the true ones (N, 6)."""
     sea, hull = method.sea, method.hull
     force = (found - truth) / (sea.density * sea.gravity * hull.volume)
-    parts = {
+    vectors = {
         "force": force[:, :3],
         "horizontal": force[:, :2],
         "vertical": force[:, 2:3],
         "torque": force[:, 3:] / longest_side(hull),
     }
     figures = {}
-    for name, part in parts.items():
-        size = np.linalg.norm(part, axis=1)
+    for name, vector in vectors.items():
+        size = np.linalg.norm(vector, axis=1)
         figures[f"{name}_max"] = float(size.max())
         figures[f"{name}_rms"] = float(np.sqrt(np.mean(size**2)))
     vertical = force[:, 2]
@@ -83,11 +86,11 @@ def errors(found: Array, truth: Array, method: Method) -> Errors:
 def time_in_turns(
     methods: Sequence[Method], poses: Sequence[Pose], seconds: float, most_rounds: int = 50
 ) -> Array:
-    """Seconds a wrench, (rounds, methods, poses).
+    """Seconds per wrench, (rounds, methods, poses).
 
-    A round takes every method over all poses, IN_A_ROW times each, one method after the other;
-    rounds go on for about so many seconds, at least FEWEST_ROUNDS of them. A first call compiles
-    the kernels.
+    In a round each method in turn computes all poses. Rounds repeat for about `seconds`, but at
+    least FEWEST_ROUNDS and at most `most_rounds` times. A call before the first round compiles the
+    kernels.
     """
     for method in methods:
         method.wrench(*poses[0])
@@ -103,9 +106,9 @@ def time_in_turns(
 
 
 def _fastest(method: Method, pose: Pose) -> float:
-    """Seconds of the fastest of IN_A_ROW calls."""
+    """Seconds of the fastest of REPEATS_PER_POSE calls."""
     seconds = []
-    for _ in range(IN_A_ROW):
+    for _ in range(REPEATS_PER_POSE):
         started = perf_counter()
         method.wrench(*pose)
         seconds.append(perf_counter() - started)
@@ -115,22 +118,22 @@ def _fastest(method: Method, pose: Pose) -> float:
 def speeds_and_errors(
     texts: Sequence[str], hull: Hull, sea: Sea, poses: Sequence[Pose], truth: Array, seconds: float
 ) -> Iterator[dict[str, Any]]:
-    """A row for each labelled method: what a wrench costs, and its errors against the true wrenches
-    (N, 6). The first method is the baseline. All timing together takes `seconds`."""
+    """Yield a row per labelled method: the time per wrench, and its errors against the true
+    wrenches (N, 6). The first method is the baseline. All timing together takes about `seconds`."""
     methods, setup = [], []
     for text in texts:
         started = perf_counter()
         methods.append(labelled_method(text, hull, sea))
         setup.append(perf_counter() - started)
     times = time_in_turns(methods, poses, seconds)
-    # of each pose's repeats, then the mean over poses
+    # over the rounds of each pose, then the mean over the poses
     fastest = 1e6 * times.min(axis=0).mean(axis=1)
     median = 1e6 * np.median(times, axis=0).mean(axis=1)
     found = [asdict(errors(wrenches(method, poses), truth, method)) for method in methods]
     for i, text in enumerate(texts):
         changes = {
-            f"{part}_change": 100.0 * (found[i][f"{part}_rms"] / found[0][f"{part}_rms"] - 1.0)
-            for part in CHANGES
+            f"{name}_change": 100.0 * (found[i][f"{name}_rms"] / found[0][f"{name}_rms"] - 1.0)
+            for name in COMPARED_ERRORS
         }
         yield {
             "method": text,

@@ -1,4 +1,5 @@
-"""Customary: the linear method as others compute it, for what it costs in accuracy."""
+"""Customary: the linear method as it is commonly implemented, to measure what that costs in
+accuracy."""
 
 from types import SimpleNamespace
 
@@ -16,12 +17,12 @@ Array = NDArray[np.float64]
 
 
 class Customary(Method):
-    """Linear as it is customarily computed: a fixed number of Newton steps for an elevation, from
-    the point itself as the label, and numbers as short as `dtype`. For the table of
-    error sources: with many steps or in double precision it leaves just the other error.
+    """The linear method with a fixed number of Newton steps per elevation and numbers of `dtype`.
 
-    In single precision positions, heads, phases and elevations are rounded; only the sums over
-    triangles stay in double precision. Pressure is hydrostatic, as is customary.
+    The steps start with the point itself as the label. The table of error sources uses this method
+    with many steps or in double precision to isolate one of the two errors. In single precision,
+    positions, heads, phases and elevations are rounded; sums over triangles stay in double
+    precision. Pressure is hydrostatic.
     """
 
     def __init__(
@@ -36,20 +37,18 @@ class Customary(Method):
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
         """Force [N] and torque [N m] about the position, world axes: (6,)."""
-        turn = np.asarray(rotation, dtype=self.dtype).reshape(3, 3)
-        place = np.asarray(position, dtype=self.dtype)
-        points = self._vertices @ turn.T + place
+        rotation = np.asarray(rotation, dtype=self.dtype).reshape(3, 3)
+        points = self._vertices @ rotation.T + np.asarray(position, dtype=self.dtype)
         level = self.dtype.type(self.sea.level)
         heights = self.heights(points[:, 0], points[:, 1], time)
         heads = hydrostatic(heights, points[:, 2] - level)
-        arms = (self._vertices @ turn.T).astype(float)
+        arms = (self._vertices @ rotation.T).astype(float)
         faces, sea = self.hull.faces, self.sea
         corners, wet_heads = clipped(arms[faces], heads.astype(float)[faces])
         return wet_triangles_wrench(corners, wet_heads, sea.density, sea.gravity)
 
     def heights(self, x: NDArray, y: NDArray, time: float) -> NDArray:
-        """Heights [m] of the surface above the level at the points (N,), (N,) [m], as precise as
-        all that is said above."""
+        """Heights (N,) [m] of the surface above the level at points x (N,), y (N,) [m]."""
         wave = self._waves
         dx, dy, a = wave.direction_x, wave.direction_y, wave.amplitude
         label_x, label_y = x.copy(), y.copy()

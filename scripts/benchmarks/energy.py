@@ -1,4 +1,4 @@
-"""Energy: of bodies and the flat water that they push aside."""
+"""Energy of bodies and of the flat water that they displace."""
 
 import mujoco
 import numpy as np
@@ -7,12 +7,14 @@ from sim.scenes.scene import Scene
 
 
 def potential_energy(scene: Scene) -> float:
-    """Potential energy [J] of flat water and the bodies in it, from its level on.
+    """Potential energy [J] of flat water and the bodies in it, relative to the water's level.
 
-    That of the water is density g times the integral of the depth over the submerged volume,
-    which by Gauss's theorem is that of - depth^2 / 2 n_z over the wet surface. Over a
-    triangle with depths a, b, c it is area (a^2 + b^2 + c^2 + ab + bc + ca) / 6; an odd corner
-    with the depth d across the surface takes or gives area d^4 / (6 (d - e) (d - f)).
+    The energy of the water is density * g times the integral of the depth over the submerged
+    volume. By Gauss's theorem that integral equals the integral of -depth^2 / 2 n_z over the wet
+    surface. Over a triangle with depths a, b, c the integral of depth^2 is
+        area (a^2 + b^2 + c^2 + ab + bc + ca) / 6.
+    Where the surface separates a corner with depth d from corners with depths e and f, the share of
+    that corner is area d^4 / (6 (d - e) (d - f)).
     """
     model, data, sea = scene.model, scene.data, scene.buoyancy.sea
     total = float(model.body_mass @ (data.xipos[:, 2] - sea.level)) * sea.gravity
@@ -35,7 +37,7 @@ def potential_energy(scene: Scene) -> float:
 
 
 def mechanical_energy(scene: Scene) -> float:
-    """Kinetic and potential energy [J] as the state stands."""
+    """Kinetic plus potential energy [J] of the scene's present state."""
     mujoco.mj_forward(scene.model, scene.data)
     mujoco.mj_energyVel(scene.model, scene.data)
     return float(scene.data.energy[1]) + potential_energy(scene)

@@ -1,4 +1,4 @@
-"""Judges: how wrong a run of a hard case is."""
+"""Judges: functions that measure the error of a run of a hard case."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Run:
-    """A case (`cases.Case`) that has been run to its end."""
+    """A finished run of a case (`cases.Case`)."""
 
     case: Any
     integrator: str
@@ -29,12 +29,12 @@ Judge = Callable[[Run], float]
 
 
 def final_speed(run: Run) -> float:
-    """Speed [m/s] of a single body's frame; a ball may go on spinning, which takes little drag."""
+    """Speed [m/s] of a single body. Spin does not count: drag hardly slows the spin of a ball."""
     return float(np.linalg.norm(run.scene.data.qvel[:3]))
 
 
 def final_tilt(expected: float) -> Judge:
-    """Angle [deg] between the tilt at the end and the expected one [deg]."""
+    """Difference [deg] between the tilt at the end and the expected tilt [deg]."""
 
     def judge(run: Run) -> float:
         return float(abs(np.degrees(run.samples[-1].tilts[0]) - expected))
@@ -43,7 +43,7 @@ def final_tilt(expected: float) -> Judge:
 
 
 def flat_tilt(run: Run) -> float:
-    """Angle [deg] between a plate's axis and the vertical, whichever side is up."""
+    """Angle [deg] between a plate's axis and the vertical; either side may be up."""
     tilt = np.degrees(run.samples[-1].tilts[0])
     return float(min(tilt, 180.0 - tilt))
 
@@ -53,13 +53,13 @@ def highest(run: Run) -> float:
 
 
 def departure(run: Run) -> float:
-    """How far [m] a body gets from where it started."""
+    """Largest displacement [m] of a body from its start along a world axis."""
     start = run.samples[0].centres
     return max(float(np.abs(s.centres - start).max()) for s in run.samples)
 
 
 def apex(expected: float) -> Judge:
-    """Relative error of the greatest height against the expected one [m]."""
+    """Relative error of the greatest height against the expected height [m]."""
 
     def judge(run: Run) -> float:
         return abs(highest(run) / expected - 1.0)
@@ -68,11 +68,11 @@ def apex(expected: float) -> Judge:
 
 
 def rise(acceleration: float) -> Judge:
-    """Relative error of the way gone against that at a constant acceleration [m/s^2]."""
+    """Relative error of the distance risen, expected at a constant acceleration [m/s^2]."""
 
     def judge(run: Run) -> float:
-        way = run.samples[-1].centres[0, 2] - run.samples[0].centres[0, 2]
-        return abs(way / (0.5 * acceleration * run.samples[-1].time ** 2) - 1.0)
+        distance = run.samples[-1].centres[0, 2] - run.samples[0].centres[0, 2]
+        return abs(distance / (0.5 * acceleration * run.samples[-1].time ** 2) - 1.0)
 
     return judge
 
@@ -85,7 +85,7 @@ def final_velocity(expected: float) -> Judge:
 
 
 def distance_from_surface(after: float) -> Judge:
-    """Largest distance [m] of the body from the water's surface after a while [s]."""
+    """Largest vertical distance [m] from the water's surface, later than `after` [s]."""
 
     def judge(run: Run) -> float:
         start = run.samples[0].time
@@ -96,7 +96,7 @@ def distance_from_surface(after: float) -> Judge:
 
 
 def mean_fraction(expected: float) -> Judge:
-    """Largest relative error of a body's mean submerged fraction over the second half."""
+    """Largest relative error of a body's mean submerged fraction in the second half of the run."""
 
     def judge(run: Run) -> float:
         half = run.samples[len(run.samples) // 2 :]
@@ -107,7 +107,7 @@ def mean_fraction(expected: float) -> Judge:
 
 
 def heave(amplitude: float, draft: float) -> Judge:
-    """Largest distance from free heave, amplitude cos(omega t), over the amplitude [m]."""
+    """Largest deviation from free heave, amplitude [m] * cos(omega t), over the amplitude."""
     omega = np.sqrt(9.81 / draft)
 
     def judge(run: Run) -> float:
@@ -119,7 +119,8 @@ def heave(amplitude: float, draft: float) -> Judge:
 
 
 def symmetry(run: Run) -> float:
-    """Largest sideways motion [m] and turn [rad] of a body that nothing pushes aside."""
+    """Largest sideways motion [m] or change of a quaternion component of a body that only moves up
+    and down."""
     start = run.samples[0]
     return max(
         max(
@@ -131,7 +132,7 @@ def symmetry(run: Run) -> float:
 
 
 def same_as(other: Any, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Judge:
-    """Largest distance [m] from the run of another case, apart from an offset."""
+    """Largest difference [m] from the run of another case that is `offset` [m] away."""
 
     def judge(run: Run) -> float:
         twin = other.scene(run.integrator, run.timestep)
@@ -145,12 +146,12 @@ def same_as(other: Any, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) ->
 
 
 def energy_growth(run: Run) -> float:
-    """Kinetic energy at the end over that of 1 m/s; drag alone may only lower it."""
+    """Linear kinetic energy at the end over the energy at 1 m/s."""
     return float(0.5 * (run.scene.data.qvel[:3] ** 2).sum() / 0.5)
 
 
 def conserves(scale: Callable[[Scene], float]) -> Judge:
-    """Change of the energy from start to end over a scale [J]."""
+    """Change of the mechanical energy from start to end over a scale [J]."""
 
     def judge(run: Run) -> float:
         start = run.case.scene(run.integrator, run.timestep)
@@ -164,5 +165,5 @@ def kinetic_energy(scene: Scene) -> float:
     return mechanical_energy(scene) - potential_energy(scene)
 
 
-def weight_times_a_foot(scene: Scene) -> float:
+def weight_times_30_cm(scene: Scene) -> float:
     return 0.3 * scene.buoyancy.sea.gravity * float(scene.model.body_mass.sum())

@@ -1,4 +1,4 @@
-"""Loading: how long a hull takes to be ready, and how much memory."""
+"""Loading: the time and the memory that it takes to prepare a hull."""
 
 from collections.abc import Iterator
 from resource import RUSAGE_SELF, getrusage
@@ -11,15 +11,15 @@ from sim.hulls.hull import Hull
 from sim.methods import Patches
 from sim.water.sea import Sea
 
-FINER = 10.0
-"""By which the default tolerance is divided for the last column."""
+TOLERANCE_DIVISOR = 10.0
+"""The last column is measured at the default tolerance divided by this number."""
 
 
 def loading_times(mesh: trimesh.Trimesh, sea: Sea, halvings: int) -> Iterator[dict[str, Any]]:
-    """For a mesh and what it becomes with each triangle made four, so many times: seconds for the
-    hull's checks, for patches at the default tolerance and a tenth of it, and the process's largest
-    memory [MB] so far. Kernels are compiled before."""
-    small = trimesh.creation.box()
+    """Yield a row for a mesh and for each of `halvings` subdivisions of it, which divide each
+    triangle into four: seconds for the hull's checks and for patches at the default tolerance and
+    at a tenth of it, and the largest memory [MB] of the process so far."""
+    small = trimesh.creation.box()  # compiles the kernels
     Patches(Hull(small.vertices, small.faces), sea)
     for _ in range(halvings + 1):
         started = perf_counter()
@@ -28,7 +28,7 @@ def loading_times(mesh: trimesh.Trimesh, sea: Sea, halvings: int) -> Iterator[di
         patches = Patches(hull, sea)
         done = perf_counter()
         memory = getrusage(RUSAGE_SELF).ru_maxrss / 1024.0
-        Patches(hull, sea, patches.tolerance / FINER)
+        Patches(hull, sea, patches.tolerance / TOLERANCE_DIVISOR)
         yield {
             "faces": len(hull.faces), "hull_s": checked - started, "patches_s": done - checked,
             "finer_s": perf_counter() - done, "memory_mb": memory,

@@ -1,4 +1,4 @@
-"""Panel code: linear potential theory by Capytaine (extra `bem`), for validation only.
+"""Panel code: linear potential theory by Capytaine (extra `bem`), used only for validation.
 
 Source: Ancellin and Dias 2019, Capytaine: a Python-based linear potential flow solver.
 """
@@ -16,7 +16,7 @@ MOTIONS = ("Surge", "Heave", "Pitch")
 
 
 def floating_body(hull: Hull, centre: tuple[float, float, float]) -> Any:
-    """A hull, its waterline at z = 0, as Capytaine takes it, about its centre of mass (3,)."""
+    """Capytaine's body of a hull with its waterline at z = 0 and its centre of mass (3,) [m]."""
     import capytaine
 
     capytaine.set_logging("ERROR")
@@ -28,7 +28,7 @@ def floating_body(hull: Hull, centre: tuple[float, float, float]) -> Any:
 
 
 def radiation(body: Any, omega: float, density: float, gravity: float) -> tuple[Array, Array]:
-    """Added mass and damping (3, 3) in MOTIONS at a frequency [rad/s]."""
+    """Added mass and damping (3, 3), both in the order of MOTIONS, at a frequency [rad/s]."""
     import capytaine
 
     found = [
@@ -47,8 +47,10 @@ def radiation(body: Any, omega: float, density: float, gravity: float) -> tuple[
 def response(
     body: Any, omega: float, mass: Array, stiffness: Array, density: float, gravity: float
 ) -> Array:
-    """Amplitudes (2,) of heave [m/m] and pitch [rad/m] in head waves of a frequency [rad/s], of a
-    body that does both and nothing else, with mass and stiffness (2, 2)."""
+    """Amplitudes (2,) of heave [m/m] and pitch [rad/m] in head waves of a frequency [rad/s].
+
+    The body is free in heave and pitch only. Its mass and stiffness matrices are (2, 2).
+    """
     import capytaine
 
     added, damping = (m[1:, 1:] for m in radiation(body, omega, density, gravity))

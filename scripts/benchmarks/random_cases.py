@@ -1,8 +1,8 @@
-"""Random cases: hulls and seas that nobody chose, for claims that are to hold for all.
+"""Random cases: random hulls in random seas, for claims that must hold for every hull and sea.
 
-Boxes, cylinders, capsules and ellipsoids from 0.1 to 100 m long, half of them as flat or as slender
-as 300 to 1; seas of one to three waves or with a spectrum, from a tenth of the hull's length to
-thirty times it, up to a steepness of 0.8.
+The hulls are boxes, cylinders, capsules and ellipsoids, 0.1 to 100 m long; half of them may be up
+to 300 times as long as they are wide or high. The seas have one to three waves or a spectrum. The
+waves are 0.1 to 30 times as long as the hull and have a steepness of at most 0.8.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,21 +20,24 @@ from sim.methods import Patches, Reference
 from sim.water.sea import Sea
 from sim.water.wave import Wave
 
-TRUTH = 1e-6
-"""Tolerance of the reference, of density * gravity * volume."""
+REFERENCE_TOLERANCE = 1e-6
+"""Tolerance of the reference, a share of density * gravity * volume."""
 
-POSES = 4
-"""At the waterline, of each case."""
+POSES_PER_CASE = 4
+"""Poses at the waterline in which each case is tried."""
 
-STEEPEST = 0.8
-"""Sum of k a up to which seas of a few waves are drawn."""
+LARGEST_STEEPNESS = 0.8
+"""Largest sum of k a of a random sea of one to three waves."""
 
 
 @dataclass(frozen=True)
 class RandomCase:
-    """A hull in a sea at the default tolerance: seconds that it took to be ready, its patches, the
-    tolerance that is kept [m], whether that is coarser than the default one, and the largest force
-    error at POSES, of density * gravity * volume."""
+    """A hull in a sea at the default tolerance.
+
+    seconds: time that the preparation took. patches: number of patches. tolerance [m]: the one
+    that was kept. is_coarse: whether it is coarser than the default. error: largest force error
+    over POSES_PER_CASE poses, a share of density * gravity * volume.
+    """
 
     name: str
     seconds: float
@@ -45,7 +48,7 @@ class RandomCase:
 
 
 def random_hull(rng: np.random.Generator) -> tuple[str, Hull]:
-    """A hull and what it is."""
+    """A description of a random hull, and the hull."""
     length = 10.0 ** rng.uniform(-1.0, 2.0)
     thinnest = -2.5 if rng.random() < 0.5 else -0.7
     extents = length * np.array([1.0, *10.0 ** rng.uniform(thinnest, 0.0, 2)])
@@ -57,14 +60,14 @@ def random_hull(rng: np.random.Generator) -> tuple[str, Hull]:
     }
     kind = str(rng.choice(list(kinds)))
     mesh = kinds[kind]()
-    vertices = np.roll(mesh.vertices, 1, axis=1)  # axes of cylinders along x
+    vertices = np.roll(mesh.vertices, 1, axis=1)  # cylinders lie along x
     vertices = vertices * (extents / np.ptp(vertices, axis=0))
     shape = " x ".join(f"{side:.3g}" for side in extents)
     return f"{kind} {shape} m", Hull(vertices, mesh.faces)
 
 
 def random_sea(rng: np.random.Generator, length: float) -> Sea:
-    """A sea for a hull of a length [m]."""
+    """A random sea for a hull of a length [m]."""
     longest = length * 10.0 ** rng.uniform(-1.0, 1.5)
     if rng.random() < 0.3:
         height = longest * rng.uniform(0.003, 0.015)
@@ -76,12 +79,16 @@ def random_sea(rng: np.random.Generator, length: float) -> Sea:
             rng.uniform(0.2, 1.0, 3), longest * rng.uniform(0.3, 1.0, 3), strict=True
         )
     ][: int(rng.integers(1, 4))]
-    return steepened(waves, float(rng.uniform(0.03, STEEPEST)))
+    return steepened(waves, float(rng.uniform(0.03, LARGEST_STEEPNESS)))
 
 
-def random_cases(count: int, seed: int = 0, truth: float = TRUTH) -> Iterator[RandomCase]:
-    """So many cases, as they are done, the same ones for the same seed; truth: the reference's
-    tolerance, of density * gravity * volume."""
+def random_cases(
+    count: int, seed: int = 0, truth: float = REFERENCE_TOLERANCE
+) -> Iterator[RandomCase]:
+    """Yield `count` cases as they are finished; the seed determines them.
+
+    truth: tolerance of the reference, a share of density * gravity * volume.
+    """
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         name, hull = random_hull(rng)
@@ -89,9 +96,9 @@ def random_cases(count: int, seed: int = 0, truth: float = TRUTH) -> Iterator[Ra
         started = perf_counter()
         method = Patches(hull, sea)
         seconds = perf_counter() - started
-        poses = waterline_poses(hull, sea, POSES, number)
-        right = _truth(hull, sea, poses, truth)
-        found = errors(wrenches(method, poses), right, method)
+        poses = waterline_poses(hull, sea, POSES_PER_CASE, number)
+        true_wrenches = _true_wrenches(hull, sea, poses, truth)
+        found = errors(wrenches(method, poses), true_wrenches, method)
         waves = f"{len(sea.waves)} waves from {sea.waves[0].wavelength:.3g} m, {sea.steepness:.2f}"
         yield RandomCase(
             f"{name}; {waves}",
@@ -103,12 +110,14 @@ def random_cases(count: int, seed: int = 0, truth: float = TRUTH) -> Iterator[Ra
         )
 
 
-def _truth(hull: Hull, sea: Sea, poses: Sequence[Pose], tolerance: float) -> NDArray[np.float64]:
-    """The reference's wrenches (N, 6), to ten or a hundred times the tolerance where it cannot be
-    reached, next to crests that all but fold; NaN where that cannot be, either."""
-    for larger in (1.0, 10.0, 100.0):
+def _true_wrenches(
+    hull: Hull, sea: Sea, poses: Sequence[Pose], tolerance: float
+) -> NDArray[np.float64]:
+    """The reference's wrenches (N, 6). Where it does not converge, next to crests that nearly fold,
+    the tolerance is 10 or 100 times as large. NaN where that fails, too."""
+    for factor in (1.0, 10.0, 100.0):
         try:
-            return wrenches(Reference(hull, sea, larger * tolerance), poses)
+            return wrenches(Reference(hull, sea, factor * tolerance), poses)
         except RuntimeError:
             continue
     return np.full((len(poses), 6), np.nan)

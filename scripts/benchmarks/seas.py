@@ -1,4 +1,4 @@
-"""Seas: waters for measuring in, for hulls about 1 m long, and poses of hulls at their surface."""
+"""Seas for the benchmarks, for hulls about 1 m long, and poses of hulls at their surface."""
 
 from collections.abc import Sequence
 
@@ -16,27 +16,27 @@ Pose = tuple[Array, Array, float]
 
 
 def steepened(waves: Sequence[Wave], steepness: float) -> Sea:
-    """The sea of these waves with all amplitudes scaled to a sum of k a."""
+    """The sea of these waves, with all amplitudes scaled so that the sum of k a is `steepness`."""
     scale = steepness / sum(w.steepness for w in waves)
     return Sea([Wave(scale * w.amplitude, w.wavelength, w.heading, w.phase) for w in waves])
 
 
 def _crossing_waves() -> Sea:
-    """The three waves of the scenes."""
+    """The three crossing waves of the scenes."""
     shape = [(0.10, 4.0, 0.0, 0.0), (0.06, 2.4, 55.0, 40.0), (0.03, 1.4, -65.0, 110.0)]
     return steepened([Wave(a, w, *np.radians([h, p])) for a, w, h, p in shape], 0.43)
 
 
 def _chop(seed: int = 2) -> Sea:
-    """Six waves as long as a side of a coarse mesh's triangles, from all sides."""
+    """Six waves from all directions, as short as the edges of a coarse mesh."""
     rng = np.random.default_rng(seed)
     lengths = np.geomspace(0.25, 0.8, 6)
     return steepened([Wave(w, w, *rng.uniform(0.0, 2.0 * np.pi, 2)) for w in lengths], 0.43)
 
 
 def _spectrum(count: int = 40, peak: float = 4.0, seed: int = 3) -> Sea:
-    """Waves of a wind sea: frequencies from 0.7 to 3 of the peak's, energies after Pierson and
-    Moskowitz (1964), headings within 90 degrees of the wind's by the cosine."""
+    """Waves of a wind sea. Frequencies: 0.7 to 3 times the peak's. Energies: Pierson and Moskowitz
+    (1964). Headings: within 90 degrees of the wind's, with a density like the cosine."""
     rng = np.random.default_rng(seed)
     ratio = np.linspace(0.7, 3.0, count) + rng.uniform(-0.02, 0.02, count)
     energy = ratio**-5 * np.exp(-1.25 * ratio**-4)
@@ -54,12 +54,12 @@ SEAS: dict[str, Sea] = {
     "chop": _chop(),
     "forty": _spectrum(),
 }
-"""Seas for hulls about 1 m long: a long swell, three crossing waves, chop, forty waves."""
+"""A long swell, three crossing waves, chop, and forty waves."""
 
 
 def waterline_poses(hull: Hull, sea: Sea, count: int, seed: int = 0) -> list[Pose]:
-    """Seeded poses in which the water cuts the hull: any rotation, within 10 m and 20 s of the
-    origin, 10 to 90 % of the hull's height below the elevation at its origin."""
+    """Seeded random poses in which the water cuts the hull: any rotation, x and y within 10 m of
+    the origin, times up to 20 s, and 10 to 90 % of the hull's height below the elevation there."""
     rng = np.random.default_rng(seed)
     poses = []
     for _ in range(count):

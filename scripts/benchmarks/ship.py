@@ -1,7 +1,7 @@
-"""Ship: what a hull of a ship's size costs in irregular seas of many waves.
+"""Ship: the cost of a hull of a ship's size in irregular seas of many waves.
 
 The hull is Wigley's form, stretched to the size of a destroyer (DTMB 5415: 142 m long, 19 m wide,
-draught 6.15 m). Where hundreds of waves meet, each patch costs hundreds of sines.
+draught 6.15 m). In hundreds of waves each patch takes hundreds of sines.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,35 +21,35 @@ from sim.water.sea import Sea
 SIZE = (142.0, 19.0, 12.3)
 """Length, beam and depth [m] of the ship."""
 
-FACES = 20_000
-"""Its triangles are halved until there are more."""
+FEWEST_FACES = 20_000
+"""The ship's triangles are divided until there are at least this many."""
 
-PERIOD = 9.0
+PEAK_PERIOD = 9.0
 """Peak period [s] of the seas."""
 
-POSES = 20
+POSE_COUNT = 20
 
-FINER = 2
-"""Times that the triangles are halved again, each into four, for the truth: linear's error falls to
-a sixteenth. (`Reference` would take minutes for it.)"""
+TRUTH_SUBDIVISIONS = 2
+"""Times that each triangle is divided into four for the true wrenches, which `Linear` computes: its
+error falls to a sixteenth. (`Reference` would take minutes.)"""
 
 
 def ship(mesh: trimesh.Trimesh) -> Hull:
-    """A mesh stretched to the ship's size, in fine triangles."""
+    """A mesh, stretched to the ship's size and divided into fine triangles."""
     mesh = trimesh.Trimesh(mesh.vertices * (SIZE / mesh.extents), mesh.faces, process=False)
-    while len(mesh.faces) < FACES:
+    while len(mesh.faces) < FEWEST_FACES:
         mesh = mesh.subdivide()
     return Hull.from_trimesh(mesh)
 
 
 def finer(hull: Hull) -> Hull:
-    """The same surface in FINER triangles."""
+    """The same surface with the triangles that the true wrenches need."""
     mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
-    return Hull.from_trimesh(mesh.subdivide(iterations=FINER))
+    return Hull.from_trimesh(mesh.subdivide(iterations=TRUTH_SUBDIVISIONS))
 
 
 def ship_poses(count: int, seed: int = 0) -> list[Pose]:
-    """Afloat: heave within a metre, roll and pitch of some degrees, any place and time."""
+    """Random poses afloat: up to 1 m of heave and a few degrees of roll and pitch."""
     rng = np.random.default_rng(seed)
     return [
         (
@@ -64,14 +64,17 @@ def ship_poses(count: int, seed: int = 0) -> list[Pose]:
 def ship_costs(
     mesh: trimesh.Trimesh, counts: Sequence[int], heights: Sequence[float], seconds: float
 ) -> Iterator[dict[str, Any]]:
-    """For JONSWAP seas of such counts of waves and significant heights [m]: seconds to be ready,
-    patches and their tolerance, microseconds a wrench beside linear's, and the largest force
-    error, all at the default tolerance."""
-    hull, poses = ship(mesh), ship_poses(POSES)
+    """Yield a row per JONSWAP sea, for each count of waves and each significant height [m].
+
+    A row holds the seconds of preparation, the number of patches and their tolerance [m],
+    microseconds per wrench of patches and of linear, and the largest force error of patches. Timing
+    takes about `seconds` per sea.
+    """
+    hull, poses = ship(mesh), ship_poses(POSE_COUNT)
     fine = finer(hull)
     for count in counts:
         for height in heights:
-            sea = Sea.jonswap(height, PERIOD, waves=count, seed=1)
+            sea = Sea.jonswap(height, PEAK_PERIOD, waves=count, seed=1)
             started = perf_counter()
             patches = Patches(hull, sea)
             ready = perf_counter() - started

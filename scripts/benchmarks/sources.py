@@ -1,7 +1,7 @@
-"""Sources: the errors beside the method's.
+"""Sources: the errors that do not come from the method.
 
-Each is switched on alone and held against the same computation without it, first in the wrench at
-poses at the waterline, then in the path of a bunny dropped into three crossing waves.
+Each source of error is switched on alone and compared with the same computation without it: first
+for wrenches at poses at the waterline, then for the path of a bunny dropped into three waves.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,23 +20,24 @@ from sim.runs.simulation import simulate
 from sim.scenes.scene import Scene
 from sim.water.sea import Sea
 
-FALL, DURATION = 3.0, 10.0  # [s]; within 3 the bunny has fallen in and follows the waves
+FALL_TIME, DURATION = 3.0, 10.0  # [s]; after 3 s the bunny has fallen in and follows the waves
 RATE = 50.0  # [Hz]
-FINE_TIMESTEP = 1.25e-4  # [s], a sixteenth of the scene's
+FINE_TIMESTEP = 1.25e-4  # [s], a sixteenth of the scene's timestep
 
-STEEP = 0.8
-"""Sum of k a of the steepest sea of the table."""
+LARGEST_STEEPNESS = 0.8
+"""Sum of k a of the steepest sea in the table."""
 
-CONVERGED = 8
-"""Newton steps after which the customary elevation is at round-off in the seas used here."""
+CONVERGED_STEPS = 8
+"""Newton steps after which the customary elevation has only round-off error in these seas."""
 
 Report = dict[str, list[dict[str, Any]]]
 
 
 def error_sources(bunny: Hull, scene: Path, pose_count: int, seed: int) -> Report:
-    """Rows of the two tables: for a hull, and for the body of a scene that floats with it."""
+    """Rows of two tables: wrench errors of a hull, and path errors of the scene's body with that
+    hull."""
     seas = {name: SEAS[name].hydrostatic for name in ("three", "forty")}
-    seas["three, steep"] = steepened(SEAS["three"].waves, STEEP).hydrostatic
+    seas["three, steep"] = steepened(SEAS["three"].waves, LARGEST_STEEPNESS).hydrostatic
     wrench_rows = [
         {"sea": name, "waves": len(sea.waves), "steepness": sea.steepness} | row
         for name, sea in seas.items()
@@ -46,16 +47,16 @@ def error_sources(bunny: Hull, scene: Path, pose_count: int, seed: int) -> Repor
 
 
 def _refined(hull: Hull) -> Hull:
-    """The same surface in 16 times the faces."""
+    """The same surface with 16 times as many faces."""
     mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
     return Hull.from_trimesh(mesh.subdivide().subdivide())
 
 
 def _wrench_rows(bunny: Hull, sea: Sea, poses: Sequence[Pose]) -> list[dict[str, Any]]:
-    """Errors in the wrench of the bunny."""
+    """Errors of the bunny's wrench in a sea, a row per source."""
     fine = _refined(bunny)
-    exact = Customary(bunny, sea, CONVERGED)
-    single = Customary(bunny, sea, CONVERGED, np.float32)
+    exact = Customary(bunny, sea, CONVERGED_STEPS)
+    single = Customary(bunny, sea, CONVERGED_STEPS, np.float32)
     pairs: dict[str, tuple[Method, Method]] = {
         "linear on 3,674 faces": (Linear(bunny, sea), Reference(bunny, sea, 1e-7)),
         "the same surface in 58,784 faces": (Linear(fine, sea), Reference(bunny, sea, 1e-7)),
@@ -79,35 +80,28 @@ def _wrench_rows(bunny: Hull, sea: Sea, poses: Sequence[Pose]) -> list[dict[str,
 
 
 def _path_rows(scene: Path) -> list[dict[str, Any]]:
-    """Errors in the path of the scene's bunny: in height and tilt, while it falls in and after."""
-    plain = _path(scene, Linear)  # hydrostatic, as all of them but one
+    """Errors of the height and tilt of the scene's bunny, until FALL_TIME and later."""
+    plain = _path(scene, Linear)  # hydrostatic, like all runs but one
     true_time = _path(scene, Linear, FINE_TIMESTEP)
     cases = {
         "timestep 2 ms": (plain, true_time),
         "timestep 1 ms": (_path(scene, Linear, 1e-3), true_time),
         "timestep 0.5 ms": (_path(scene, Linear, 5e-4), true_time),
-        "linear on 3,674 faces, not 58,784": (
-            plain,
-            _path(scene, lambda hull, sea: Linear(_refined(hull), sea)),
-        ),
-        "chord:4 instead of linear": (_path(scene, Chord), plain),
-        "2 Newton steps for an elevation": (
-            _path(scene, lambda hull, sea: Customary(hull, sea, 2)),
-            plain,
-        ),
-        "single precision": (
-            _path(scene, lambda hull, sea: Customary(hull, sea, CONVERGED, np.float32)),
-            plain,
-        ),
-        "hydrostatic instead of decaying pressure": (
-            plain,
-            _path(scene, Linear, pressure="froude-krylov"),
-        ),
     }
+    methods: dict[str, Callable[[Hull, Sea], Method]] = {
+        "linear on 3,674 faces, not 58,784": lambda hull, sea: Linear(_refined(hull), sea),
+        "chord:4 instead of linear": Chord,
+        "2 Newton steps for an elevation": lambda hull, sea: Customary(hull, sea, 2),
+        "single precision": lambda *given: Customary(*given, CONVERGED_STEPS, np.float32),
+    }
+    cases |= {name: (_path(scene, make), plain) for name, make in methods.items()}
+    decaying = _path(scene, Linear, pressure="froude-krylov")
+    cases["hydrostatic instead of decaying pressure"] = plain, decaying
     rows = []
     for name, (path, other) in cases.items():
         off = np.abs(path - other)
-        fall, after = off[: round(FALL * RATE)].max(axis=0), off[round(FALL * RATE) :].max(axis=0)
+        split = round(FALL_TIME * RATE)
+        fall, after = off[:split].max(axis=0), off[split:].max(axis=0)
         rows.append(
             {
                 "source": name,
@@ -126,7 +120,7 @@ def _path(
     timestep: float | None = None,
     pressure: str = "hydrostatic",
 ) -> np.ndarray:
-    """Height [m] and tilt [deg] of the scene's body, (N, 2), with a method of one's own."""
+    """Height [m] and tilt [deg] of the scene's body, (N, 2), with the method from `make`."""
 
     class Made(Linear):
         @classmethod

@@ -1,4 +1,4 @@
-"""Measure what methods cost and how wrong they are: hulls x seas x methods and their settings.
+"""Measure the speed and the error of methods and settings, for several hulls in several seas.
 
     python scripts/benchmarks/speed_vs_error.py --json errors.json --figure errors.png
     python scripts/benchmarks/speed_vs_error.py --quick
@@ -8,31 +8,13 @@
     python scripts/benchmarks/speed_vs_error.py --ship
     python scripts/benchmarks/speed_vs_error.py --random 1000
 
-Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C, with the rows until then printed.
+Exit status: 0 on success, 2 on unusable input, 130 after Ctrl-C (finished rows are printed).
 """
 
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from command_line import (
-    INTERRUPTED,
-    Parser,
-    at_least,
-    check_drawable,
-    check_outputs,
-    check_writable,
-    interruptible,
-    notes_said,
-    positive,
-    print_table,
-    progress,
-    refusal,
-    run_script,
-    write_json,
-    write_whole,
-)
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -44,13 +26,28 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from benchmarks.accuracy import CHANGES, speeds_and_errors, wrenches
+from benchmarks.accuracy import COMPARED_ERRORS, speeds_and_errors, wrenches
 from benchmarks.loading import loading_times
 from benchmarks.random_cases import RandomCase, random_cases
 from benchmarks.seas import SEAS, waterline_poses
 from benchmarks.ship import ship_costs
-from benchmarks.sources import DURATION, FALL, error_sources
+from benchmarks.sources import DURATION, FALL_TIME, error_sources
 from benchmarks.steps import step_costs
+from command_line import (
+    Parser,
+    Stopped,
+    at_least,
+    check_drawable,
+    check_outputs,
+    failure,
+    notes_said,
+    positive,
+    print_table,
+    progress,
+    run_script,
+    write_json,
+    write_whole,
+)
 from labels import labelled_method
 from sim import Hull, Reference
 from sim.water.head import PRESSURES
@@ -59,38 +56,38 @@ from sim.water.sea import DEFAULT_PRESSURE
 MODELS = Path(__file__).resolve().parents[2] / "models"
 
 HULLS = ("cube", "bunny_coarse", "bunny", "dragon", "bunny_fine")
-"""The cube has 12 faces, bunny_fine those of the bunny split into 16 each: the same surface."""
+"""The cube has 12 faces. bunny_fine is the bunny with each face divided into 16."""
 
-STEPPED = ("bunny", "cube", "trio")
-"""Scenes whose steps are measured."""
+STEPPED_SCENES = ("bunny", "cube", "trio")
+"""Scenes whose steps --steps measures."""
 
 SHIP_WAVES, SHIP_HEIGHTS = (40, 200, 500), (2.4, 4.0)
-"""Counts of waves and significant heights [m] of the seas that a ship is put in."""
+"""Counts of waves and significant heights [m] of the seas of --ship."""
 
 METHODS = (
     "linear", "chord:1", "chord:4", "chord:16", "chord:4:crests",
     "patches:3e-2", "patches:1.5e-2", "patches:1e-2", "patches:6e-3", "patches",
     "patches:2e-3", "patches:8e-4",
 )  # fmt: skip
-"""Method texts of a run; the first one is what the others' speed is compared with."""
+"""Labels of the default methods; the first is the baseline."""
 
-GOOD_ENOUGH = 1e-5
-"""Force error, of density * gravity * volume, that is as good as the baseline's even where that is
-still smaller."""
+NEGLIGIBLE_ERROR = 1e-5
+"""Force error, a share of density * gravity * volume, that is small enough even where the
+baseline's is smaller."""
 
-QUICK = {"hulls": ["cube", "bunny"], "seas": ["three", "chop"], "poses": 10, "seconds": 0.3}
+QUICK_OPTIONS = {"hulls": ["cube", "bunny"], "seas": ["three", "chop"], "poses": 10, "seconds": 0.3}
 
 MARKERS = "osv^Dx"
 
-TRUTH = 1e-7
-"""Tolerance of the reference, of density * gravity * volume; the best method leaves 1e-6."""
+REFERENCE_TOLERANCE = 1e-7
+"""Tolerance of the reference, a share of density * gravity * volume; methods reach 1e-6."""
 
 SAME_SURFACE = {"bunny_fine": "bunny"}
-"""Hulls whose true wrench is that of another one, which the reference is faster on."""
+"""Hulls with the same surface as a coarser hull, for which the reference is faster."""
 
 
 def make_hull(name: str) -> Hull:
-    """One of HULLS, 1 m long, about its centre of volume."""
+    """One of HULLS, 1 m long, with the origin at its centre of volume."""
     if name == "cube":
         return Hull.from_trimesh(trimesh.creation.box(extents=(1.0, 1.0, 1.0)))
     if name == "bunny_fine":
@@ -103,44 +100,44 @@ def _load(name: str) -> trimesh.Trimesh:
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    parser = Parser("speed_vs_error.py", __doc__)
+    parser = Parser(__doc__)
     parser.add_argument("--hulls", nargs="+", choices=HULLS, default=list(HULLS), metavar="HULL",
                         help=f"any of: {' '.join(HULLS)} (all)")  # fmt: skip
     parser.add_argument("--seas", nargs="+", choices=SEAS, default=list(SEAS), metavar="SEA",
                         help=f"any of: {' '.join(SEAS)} (all)")  # fmt: skip
     parser.add_argument("--methods", nargs="+", default=list(METHODS), metavar="METHOD",
-                        help=f"method texts, the baseline first ({' '.join(METHODS)})")  # fmt: skip
+                        help=f"method labels, baseline first ({' '.join(METHODS)})")  # fmt: skip
     parser.add_argument("--pressure", choices=PRESSURES, default=DEFAULT_PRESSURE,
-                        help=f"of the water ({DEFAULT_PRESSURE})")  # fmt: skip
+                        help=f"pressure of the water ({DEFAULT_PRESSURE})")  # fmt: skip
     parser.add_argument("--poses", type=at_least(2), default=50, metavar="N",
                         help="random poses at the waterline (50)")  # fmt: skip
     parser.add_argument("--seed", type=at_least(0), default=0, metavar="N", help="of the poses (0)")
     parser.add_argument("--seconds", type=positive, default=3.0, metavar="S",
-                        help="of timing for a hull in a sea, all methods (3)")  # fmt: skip
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there")
+                        help="seconds of timing per hull and sea (3)")  # fmt: skip
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to this file")
     parser.add_argument("--figure", type=Path, metavar="FILE.png",
                         help="draw error against time; needs the extra 'report'")  # fmt: skip
-    parser.add_argument("--quick", action="store_true", help="less of everything: within a minute")
+    parser.add_argument("--quick", action="store_true", help="fewer hulls and seas: one minute")
     parser.add_argument("--sources", action="store_true",
                         help="measure other sources of error instead")  # fmt: skip
     parser.add_argument("--steps", action="store_true",
                         help="measure whole mj_steps and batches instead")  # fmt: skip
     parser.add_argument("--loading", action="store_true",
-                        help="measure how long hulls take to load instead")  # fmt: skip
+                        help="measure how long it takes to load hulls instead")  # fmt: skip
     parser.add_argument("--ship", action="store_true",
                         help="measure a ship in seas of up to 500 waves instead")  # fmt: skip
     parser.add_argument("--random", type=at_least(1), metavar="N",
-                        help="try the default on random hulls in random seas instead")  # fmt: skip
+                        help="try the default tolerance in N random cases instead")  # fmt: skip
     options = parser.parse_args(arguments)
     if options.quick:
-        for name, value in QUICK.items():
+        for name, value in QUICK_OPTIONS.items():
             if getattr(options, name) == parser.get_default(name):
                 setattr(options, name, value)
     return options
 
 
 def measure(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """The rows of the report, hull after hull and sea after sea."""
+    """Yield the rows of the report by hull and sea."""
     truths: dict[tuple[str, str], np.ndarray] = {}
     for name, sea_name in product(options.hulls, options.seas):
         hull, sea = make_hull(name), SEAS[sea_name].with_pressure(options.pressure)
@@ -148,7 +145,8 @@ def measure(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
         true_hull = hull if surface == name else make_hull(surface)
         poses = waterline_poses(true_hull, sea, options.poses, options.seed)
         if (surface, sea_name) not in truths:
-            truths[surface, sea_name] = wrenches(Reference(true_hull, sea, TRUTH), poses)
+            reference = Reference(true_hull, sea, REFERENCE_TOLERANCE)
+            truths[surface, sea_name] = wrenches(reference, poses)
         case = {
             "hull": name,
             "faces": len(hull.faces),
@@ -162,13 +160,13 @@ def measure(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 COLUMNS = (
     "method", "us min", "median", "ratio", "force max", "rms", "torque max", "rms",
-    "lift bias", "+-", *(f"{part} %" for part in CHANGES),
+    "lift bias", "+-", *(f"{e} %" for e in COMPARED_ERRORS),
 )  # fmt: skip
-"""The last ones are changes of the rms errors against the first method's."""
+"""The last columns are changes of the rms errors relative to the baseline."""
 
 
 def print_rows(rows: Sequence[dict[str, Any]]) -> None:
-    """The rows as tables, one for each hull in each sea."""
+    """Print a table per hull and sea."""
     for _, case in groupby(rows, key=lambda row: (row["hull"], row["sea"])):
         of_methods = list(case)
         first = of_methods[0]
@@ -180,7 +178,7 @@ def print_rows(rows: Sequence[dict[str, Any]]) -> None:
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:
-    changes = ("" if row["baseline"] else f"{row[f'{part}_change']:+.1f}" for part in CHANGES)
+    changes = ("" if row["baseline"] else f"{row[f'{e}_change']:+.1f}" for e in COMPARED_ERRORS)
     return (
         row["method"], f"{row['us_min']:.1f}", f"{row['us_median']:.1f}", f"{row['speed_up']:.2f}",
         f"{row['force_max']:.1e}", f"{row['force_rms']:.1e}", f"{row['torque_max']:.1e}",
@@ -189,14 +187,14 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def print_fastest(rows: Sequence[dict[str, Any]]) -> None:
-    """For each hull in each sea the fastest setting of patches that is as good as the baseline, and
-    how the time grows with the faces of the same surface."""
+    """Print the fastest setting of patches that is as accurate as the baseline, per hull and sea,
+    and how the time grows with the number of faces of the same surface."""
     cases: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
         cases.setdefault((row["hull"], row["sea"]), []).append(row)
     print("\nfastest patches with a force error no larger than the first method's, or 1e-5:")
     for (hull, sea), (baseline, *others) in cases.items():
-        good = max(baseline["force_max"], GOOD_ENOUGH)
+        good = max(baseline["force_max"], NEGLIGIBLE_ERROR)
         found = [r for r in others if family(r) == "patches" and r["force_max"] <= good]
         if found:
             best = max(found, key=lambda row: row["speed_up"])
@@ -216,7 +214,7 @@ def print_fastest(rows: Sequence[dict[str, Any]]) -> None:
 
 
 def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """Error against time, log-log: a panel a hull, a colour a sea, a marker a family of methods."""
+    """Draw error against time, log-log: a panel per hull, a colour per sea, a marker per method."""
     import matplotlib
 
     matplotlib.use("Agg")  # needs no screen
@@ -256,7 +254,7 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
 
 
 def _draw_line(panel: Any, rows: Sequence[dict[str, Any]], **style: Any) -> None:
-    """The settings of one method for a hull in a sea, in the order they were given in."""
+    """Draw the settings of one method for a hull in a sea, in the order of the command line."""
     times, sizes = [r["us_min"] for r in rows], [r["force_max"] for r in rows]
     panel.loglog(times, sizes, linewidth=1.0, alpha=0.8, **style)
     panel.set_xlabel("microseconds a wrench (one thread)")
@@ -266,13 +264,13 @@ def _draw_line(panel: Any, rows: Sequence[dict[str, Any]], **style: Any) -> None
 
 
 def family(row: dict[str, Any]) -> str:
-    """The method without its settings; the biased variant of chord is one of its own."""
+    """The method without its settings; the biased variant of chord counts as another method."""
     name, *settings = row["method"].split(":")
     return f"{name}, crests only" if "crests" in settings else name
 
 
 def print_sources(report: dict[str, list[dict[str, Any]]]) -> None:
-    """The two tables of other sources of error; relative as everywhere, paths in mm and degrees."""
+    """Print the two tables of other sources of error: relative wrench errors, and path errors."""
     for _, of_sea in groupby(report["wrench"], key=lambda row: row["sea"]):
         rows = list(of_sea)
         print(f"\nbunny in {rows[0]['waves']} waves, sum of k a {rows[0]['steepness']:.2f}")
@@ -281,7 +279,7 @@ def print_sources(report: dict[str, list[dict[str, Any]]]) -> None:
         titles = ("error of the wrench from", "force max", "rms", "torque max", "rms")
         print_table(titles, cells)
     print(
-        f"\nbunny dropped into its scene, largest error in the first {FALL:g} s, then until "
+        f"\nbunny dropped into its scene, largest error in the first {FALL_TIME:g} s, then until "
         f"{DURATION:g} s"
     )
     names = ("fall_height_mm", "fall_tilt_deg", "height_mm", "tilt_deg")
@@ -291,17 +289,16 @@ def print_sources(report: dict[str, list[dict[str, Any]]]) -> None:
 
 
 def check_files(options: argparse.Namespace) -> None:
-    """Find out before the work whether its results can be written and its methods made."""
+    """Check before the work whether results can be written and methods made."""
     check_outputs((options.json, options.figure), [])
     check_drawable(options.figure)
     cube = make_hull("cube")
     for text in options.methods:
         labelled_method(text, cube, SEAS["swell"])
-    check_writable(options.json)
 
 
 def collect(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
-    """Measure all rows and add them."""
+    """Measure all rows and append them to `rows`."""
     total = len(options.hulls) * len(options.seas) * len(options.methods)
     with progress(total, "rows") as bar:
         for row in measure(options):
@@ -310,20 +307,18 @@ def collect(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
 
 
 def report_rows(options: argparse.Namespace) -> int:
-    """Measure, print, draw and write; after Ctrl-C what there is. Return the exit status."""
+    """Measure, write, print and draw rows (after Ctrl-C the finished ones); return the status."""
     rows: list[dict[str, Any]] = []
     status = 0
     try:
-        with interruptible():
-            collect(options, rows)
-    except KeyboardInterrupt:
-        print("speed_vs_error.py: interrupted", file=sys.stderr)
-        status = INTERRUPTED
+        collect(options, rows)
+    except Stopped as stop:
+        status = failure(stop)
     report = {
         "pressure": options.pressure,
         "poses": options.poses,
         "seed": options.seed,
-        "truth": TRUTH,
+        "truth": REFERENCE_TOLERANCE,
         "rows": rows,
     }
     write_json(options.json, report)
@@ -335,7 +330,7 @@ def report_rows(options: argparse.Namespace) -> int:
 
 
 def report_sources(options: argparse.Namespace) -> int:
-    """The same for the other sources of error, which come all at once."""
+    """Measure, write and print the other sources of error."""
     report = error_sources(make_hull("bunny"), MODELS / "bunny.xml", options.poses, options.seed)
     write_json(options.json, report)
     print_sources(report)
@@ -343,8 +338,8 @@ def report_sources(options: argparse.Namespace) -> int:
 
 
 def report_steps(options: argparse.Namespace) -> int:
-    """The same for whole steps, in bare ones of the same model, and for batches."""
-    scenes = [MODELS / f"{name}.xml" for name in STEPPED]
+    """Measure, write and print the time of whole steps, in units of bare steps, and of batches."""
+    scenes = [MODELS / f"{name}.xml" for name in STEPPED_SCENES]
     rows = list(step_costs(scenes[:1] if options.quick else scenes, MODELS / "spheres.xml"))
     write_json(options.json, {"steps": rows})
     singles = [row for row in rows if "ratio" in row]
@@ -360,7 +355,7 @@ def report_steps(options: argparse.Namespace) -> int:
 
 
 def report_loading(options: argparse.Namespace) -> int:
-    """The same for the time and memory that hulls take to load: the bunny, ever finer."""
+    """Measure, write and print the time and memory to load the bunny at several finenesses."""
     sea = SEAS["three"].with_pressure(options.pressure)
     rows = list(loading_times(_load("bunny"), sea, 2 if options.quick else 4))
     write_json(options.json, {"loading": rows})
@@ -374,7 +369,7 @@ def report_loading(options: argparse.Namespace) -> int:
 
 
 def report_ship(options: argparse.Namespace) -> int:
-    """The same for a ship in irregular seas of many waves."""
+    """Measure, write and print the cost of a ship in irregular seas of many waves."""
     counts = SHIP_WAVES[:1] if options.quick else SHIP_WAVES
     rows = list(ship_costs(_load("wigley"), counts, SHIP_HEIGHTS, options.seconds))
     write_json(options.json, {"ship": rows})
@@ -392,20 +387,19 @@ def report_ship(options: argparse.Namespace) -> int:
 
 
 def report_random(options: argparse.Namespace) -> int:
-    """The same for random hulls in random seas: what the default tolerance leaves and takes."""
+    """Measure, write and print the errors and the cost of random cases."""
     cases: list[RandomCase] = []
     status = 0
     try:
-        with interruptible(), progress(options.random, "cases") as bar:
+        with progress(options.random, "cases") as bar:
             for case in random_cases(options.random, options.seed):
                 cases.append(case)
                 bar.update(1)
-    except KeyboardInterrupt:
-        print("speed_vs_error.py: interrupted", file=sys.stderr)
-        status = INTERRUPTED
+    except Stopped as stop:
+        status = failure(stop)
     tried = len(cases)
     write_json(options.json, {"cases": [asdict(case) for case in cases]})
-    cases = [c for c in cases if c.error == c.error]  # others have no reference
+    cases = [c for c in cases if c.error == c.error]  # NaN: there is no reference
     kept = [c for c in cases if not c.is_coarse]
     cells = [
         (
@@ -420,7 +414,7 @@ def report_random(options: argparse.Namespace) -> int:
     titles = ("", "cases", "largest error", "median", "longest s", "most patches", "largest of")
     print_table(titles, cells)
     if len(cases) < tried:
-        print(f"{tried - len(cases)} cases that the reference does not converge in")
+        print(f"{tried - len(cases)} cases in which the reference does not converge")
     return status
 
 
@@ -428,7 +422,7 @@ REPORTS = {
     "sources": report_sources, "steps": report_steps, "loading": report_loading,
     "ship": report_ship, "random": report_random,
 }  # fmt: skip
-"""By the option that asks for them; without one it is `report_rows`."""
+"""Report by command-line option; without any of them `report_rows` runs."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -436,12 +430,10 @@ def main(arguments: list[str] | None = None) -> int:
     report = next((r for name, r in REPORTS.items() if getattr(options, name)), report_rows)
     try:
         check_files(options)
-        with notes_said("speed_vs_error.py", quiet=True):  # its scenes are known
-            return report(options)
-    except BrokenPipeError:
-        raise
-    except (ValueError, OSError) as error:
-        return refusal("speed_vs_error.py", error)
+    except ValueError as error:
+        return failure(error)
+    with notes_said(quiet=True):  # the scenes are known
+        return report(options)
 
 
 if __name__ == "__main__":

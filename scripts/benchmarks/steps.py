@@ -1,7 +1,7 @@
-"""Steps: what a whole `mj_step` costs with the water, in bare ones of the same model.
+"""Steps: the time of a whole `mj_step` with the water, relative to a bare step of the same model.
 
-A bare step is that of the same model in a state without water, its bodies falling in the air. All
-of a row is measured in turns, and minima of the turns count, so ratios hold on a busy machine.
+In a bare step the same bodies fall in air, in a state without water. All calls of a row are timed
+in turns and the shortest times count, so ratios hold on a busy machine.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,20 +15,22 @@ import numpy as np
 from sim.plugin.refusals import reading
 from sim.scenes.scene import Scene
 
-TURNS = 12
+ROUNDS = 12
+"""Times that each call is timed; the shortest counts."""
 
-STEPS = 500
-"""Steps in one call."""
+STEPS_PER_CALL = 500
+"""Steps per timed call."""
 
-BATCH = 64
-"""Simulations of a batch; each turn takes BATCH_STEPS of each."""
+BATCH_SIZE = 64
+"""Simulations in a batch."""
 
 BATCH_STEPS = 40
+"""Steps of each simulation per timed call."""
 
-SETTLED = 1500
-"""Steps after which a body floats as it will."""
+SETTLING_STEPS = 1500
+"""Steps after which a body has settled in the waves."""
 
-LINKS = 20
+LINK_COUNT = 20
 
 RESISTANCES = {
     "": "",
@@ -40,14 +42,14 @@ Row = dict[str, Any]
 
 
 def step_costs(scenes: Sequence[Path], crowd: Path) -> Iterator[Row]:
-    """Rows of the table: a body's step with and without what its scene asks for, a chain of links,
-    batches of the first scene's body, and two batches of a crowded scene."""
+    """Yield the rows of the table: each scene without and with its drag and added mass, a chain of
+    links, batches of the first scene, and batches of a crowded scene."""
     for path in scenes:
         yield _of_scene(path.stem, _without_resistance(path))
         yield _of_scene(f"{path.stem}, drag", Scene.load(path))
     for kind, resistance in RESISTANCES.items():
-        yield _of_scene(f"chain of {LINKS} links{kind}", _chain(resistance))
-    for path, count in ((scenes[0], BATCH), (crowd, 2)):
+        yield _of_scene(f"chain of {LINK_COUNT} links{kind}", _chain(resistance))
+    for path, count in ((scenes[0], BATCH_SIZE), (crowd, 2)):
         yield from _of_batches(path, count)
 
 
@@ -59,14 +61,14 @@ def _without_resistance(path: Path) -> Scene:
 
 
 def _chain(resistance: str) -> Scene:
-    """Boxes on hinges, one behind the other, the first on a free joint."""
+    """A row of boxes joined by hinges; the first has a free joint."""
     bodies, ends = "", ""
-    for i in range(LINKS):
+    for i in range(LINK_COUNT):
         joint = '<joint axis="0 1 0" pos="-0.15 0 0" damping="3"/>' if i else "<freejoint/>"
         bodies += f"""<body pos="{0.3 * bool(i)} 0 0">{joint}
             <geom name="g{i}" type="box" size="0.14 0.1 0.05" density="500" contype="0"/>"""
         ends += "</body>"
-    listed = "".join(f'<element objtype="geom" objname="g{i}" prm="0"/>' for i in range(LINKS))
+    listed = "".join(f'<element objtype="geom" objname="g{i}" prm="0"/>' for i in range(LINK_COUNT))
     return Scene.load(
         mujoco.MjSpec.from_string(f"""
         <mujoco><option solver="CG"/><custom>{resistance}
@@ -77,9 +79,10 @@ def _chain(resistance: str) -> Scene:
 
 
 def _seconds_of(*calls: Callable[[], Any]) -> list[float]:
-    """The shortest time of each call, taken in turns."""
+    """The shortest time [s] of each call over ROUNDS rounds, in each of which every call runs
+    once."""
     times: list[list[float]] = [[] for _ in calls]
-    for _ in range(TURNS):
+    for _ in range(ROUNDS):
         for call, taken in zip(calls, times, strict=True):
             started = perf_counter()
             call()
@@ -93,24 +96,26 @@ def _of_scene(name: str, scene: Scene) -> Row:
         air = mujoco.MjData(model)
 
     def bare() -> None:
-        mujoco.mj_step(model, air, STEPS)
+        mujoco.mj_step(model, air, STEPS_PER_CALL)
 
     def floating() -> None:
-        mujoco.mj_step(model, data, STEPS)
+        mujoco.mj_step(model, data, STEPS_PER_CALL)
 
-    mujoco.mj_step(model, data, SETTLED)
-    with_water, without = (1e6 * seconds / STEPS for seconds in _seconds_of(floating, bare))
+    mujoco.mj_step(model, data, SETTLING_STEPS)
+    with_water, without = (
+        1e6 * seconds / STEPS_PER_CALL for seconds in _seconds_of(floating, bare)
+    )
     return {"what": name, "us": with_water, "bare_us": without, "ratio": with_water / without}
 
 
 def _of_batches(path: Path, count: int) -> Iterator[Row]:
-    """A scene's simulations, one by one and in a batch on one and on two threads, a step of each;
-    all begin as the scene floats, each at its own time of the sea."""
-    from mujoco.batch import Batch  # MuJoCo 3 has another
+    """Yield the time of a scene's simulations one by one and in a batch, with one and two threads.
+    All start from the settled scene, each at another time of the sea."""
+    from mujoco.batch import Batch  # MuJoCo 3 has a different one
 
     scene = Scene.load(path)
     data = scene.data
-    mujoco.mj_step(scene.model, data, SETTLED)
+    mujoco.mj_step(scene.model, data, SETTLING_STEPS)
     batches = [Batch(scene.model, nsim=count, nthread=n) for n in (1, 2)]
     for batch in batches:
         for field in ("qpos", "qvel"):

@@ -1,7 +1,7 @@
-"""Validation: what others have published or what has a closed form, and what comes out here.
+"""Validation: checks of this package against published results and closed forms.
 
-The Wigley hull's added mass and damping and its response in waves were computed with the panel code
-Capytaine (`validate.py --panel-code` does it again); no number of it is needed to run this.
+The Wigley hull's added mass, damping and responses below were computed with the panel code
+Capytaine; `validate.py --panel-code` computes them again. The checks run without Capytaine.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,36 +25,39 @@ Array = NDArray[np.float64]
 
 DENSITY, GRAVITY = 1025.0, 9.81
 
-SMALL = 0.01
-"""Amplitude [m] of waves in which first-order theory holds to 1e-3."""
+SMALL_AMPLITUDE = 0.01
+"""Amplitude [m] of waves so small that first-order theory holds to 1e-3."""
 
-CLOSED_FORM, PANELS, OES = "closed form", "panel code", "OES Task 10"
+CLOSED_FORM, PANEL_CODE, OES = "closed form", "panel code", "OES Task 10"
 
 WIGLEY_MASS, WIGLEY_CENTRE = 2847.22, (0.0, 0.0, -0.2)
 WIGLEY_INERTIA = (455.6, 17795.0, 17795.0)
 
-WIGLEY_ADDED = ((52.76, 0.0, 554.67), (0.0, 1881.98, 0.0), (554.67, 0.0, 10654.06))
+WIGLEY_ADDED_MASS = ((52.76, 0.0, 554.67), (0.0, 1881.98, 0.0), (554.67, 0.0, 10654.06))
 WIGLEY_DAMPING = ((149.59, 0.0, 1810.14), (0.0, 6629.17, 0.0), (1810.14, 0.0, 22351.99))
-"""Of the Wigley hull in surge, heave and pitch, [kg], [kg m], [kg m^2] and [N s/m], [N s], [N m s],
-about its centre of mass in a wave as long as itself; one pair for all wavelengths."""
+"""Added mass [kg, kg m, kg m^2] and damping [N s/m, N s, N m s] of the Wigley hull in surge, heave
+and pitch about its centre of mass, in a wave of its own length; used for all wavelengths."""
 
 WIGLEY_RESPONSES = {
     3.0: (0.901, 0.984), 2.0: (0.783, 0.918), 1.5: (0.629, 0.820), 1.2: (0.462, 0.694),
     1.0: (0.304, 0.550), 0.9: (0.216, 0.452),
 }  # fmt: skip
-"""Wavelength over length: heave [m/m] and pitch [rad over k a] of a hull that does both."""
+"""By wavelength over hull length: heave [m/m] and pitch [rad over k a] of a hull free in both."""
 
-LINEAR = '<text name="buoyancy_method" data="linear"/>'
-"""The default tolerance of patches, a 400th of the hull's length, is more than such small waves are
-high."""
+LINEAR_METHOD = '<text name="buoyancy_method" data="linear"/>'
+"""Patches with the default tolerance, 1/400 of the hull's length, miss waves this small."""
 
-SPHERE_ADDED, SPHERE_DAMPING = 0.4325, 91.0e3
-"""Of the sphere of OES Task 10 at its own frequency, over its mass and [N s/m]."""
+SPHERE_ADDED_MASS, SPHERE_DAMPING = 0.4325, 91.0e3
+"""Added mass over mass, and damping [N s/m] in water of 1000 kg/m^3, of the sphere of OES Task 10
+at its natural frequency."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """What is measured, in which unit, who says what it should be, and between which bounds."""
+    """A quantity, its unit, and the source and bounds of its expected value.
+
+    known_gap: why the quantity is known to miss the bounds; empty if it must be within them.
+    """
 
     group: str
     what: str
@@ -65,11 +68,6 @@ class Check:
     measure: Callable[[], float]
     known_gap: str = ""
 
-    @property
-    def published(self) -> str:
-        """The value, or the band."""
-        return f"{self.low:.5g} to {self.high:.5g}"
-
     def verdict(self, found: float) -> str:
         if self.low <= found <= self.high:
             return "holds"
@@ -79,13 +77,15 @@ class Check:
 
 
 def about(value: float, share: float) -> tuple[float, float]:
-    """A band around a value, for rows whose source gives one number."""
+    """The band within a share of a value, for sources that give a single number."""
     return tuple(sorted((value * (1.0 - share), value * (1.0 + share))))
 
 
 def checks(wigley: Hull, quick: bool = False) -> Iterator[Check]:
-    """All of them, for a hull whose waterline is at z = 0 of its frame; quick: those that take no
-    time, and a few of the others."""
+    """Yield all checks, given the Wigley hull with its waterline at z = 0.
+
+    quick: fewer heights of decay and fewer wavelengths.
+    """
     yield from _hydrostatics(wigley)
     yield from _pressures(wigley)
     yield from _speeds()
@@ -97,7 +97,11 @@ def checks(wigley: Hull, quick: bool = False) -> Iterator[Check]:
 
 
 def scene_of(body: str, custom: str = "", option: str = "", wigley: Hull | None = None) -> Scene:
-    """A scene in which the geom 'hull' floats; the mesh 'wigley' is there if it is given."""
+    """A scene in which the geom 'hull' floats.
+
+    body: MJCF of the body. If a Wigley hull is given, that hull floats instead, with a free joint
+    if `body` is "free", else with joints for heave and pitch only.
+    """
     spec = mujoco.MjSpec.from_string(
         f"<mujoco><option {option}/><custom>{custom}"
         '<tuple name="buoyant"><element objtype="geom" objname="hull" prm="0"/></tuple></custom>'
@@ -165,11 +169,10 @@ def _box(size: str, density: float) -> str:
     )
 
 
-OES_SPHERE = """<body name="sphere">{}<geom name="hull" size="5"/>
-  <inertial pos="0 0 -2" mass="{mass}" diaginertia="1e6 1e6 1e6"/></body>""".replace(
-    "{mass}", f"{DENSITY * np.pi * 250.0 / 3.0:.6f}"
-)
-"""The sphere of OES Task 10, afloat with half of it in sea water; its joint is left open."""
+SPHERE_MASS = DENSITY * np.pi * 250.0 / 3.0  # [kg]
+OES_SPHERE = f"""<body name="sphere">{{}}<geom name="hull" size="5"/>
+  <inertial pos="0 0 -2" mass="{SPHERE_MASS:.6f}" diaginertia="1e6 1e6 1e6"/></body>"""
+"""The sphere of OES Task 10, half submerged in sea water; the joint is to be filled in."""
 
 
 # Pressure under small waves
@@ -178,7 +181,7 @@ BALL = '<body><freejoint/><geom name="hull" size="1"/></body>'
 
 
 def first_harmonic(method: Method, wave: Wave, position: Array) -> Array:
-    """Amplitude (6,) of the wrench over a period, per metre of the wave's."""
+    """Amplitude (6,) of the wrench's first harmonic, per metre of wave amplitude."""
     omega = np.sqrt(GRAVITY * wave.wavenumber)
     phases = 2.0 * np.pi * np.arange(16) / 16.0
     wrenches = [method.wrench(position, np.eye(3), phase / omega) for phase in phases]
@@ -187,16 +190,13 @@ def first_harmonic(method: Method, wave: Wave, position: Array) -> Array:
 
 def _pressures(wigley: Hull) -> Iterator[Check]:
     box, sphere = (
-        scene_of(body).buoyancy.floats[0].method.hull
-        for body in (
-            _box("2 0.5 0.5", 0.5),
-            '<body><freejoint/><geom name="hull" size="1"/></body>',
-        )
+        scene_of(body).buoyancy.floats[0].method.hull for body in (_box("2 0.5 0.5", 0.5), BALL)
     )
 
     def pressed(hull: Hull, length: float, position: Array, axis: int) -> Callable[[], float]:
-        wave = Wave(SMALL, length)
-        fine = partial(Patches, tolerance=1e-3 * SMALL) if len(hull.faces) < 100 else Linear
+        wave = Wave(SMALL_AMPLITUDE, length)
+        patches = partial(Patches, tolerance=1e-3 * SMALL_AMPLITUDE)
+        fine = patches if len(hull.faces) < 100 else Linear
         return lambda: float(first_harmonic(fine(hull, Sea([wave])), wave, position)[axis])
 
     centre = np.array(WIGLEY_CENTRE)
@@ -209,13 +209,13 @@ def _pressures(wigley: Hull) -> Iterator[Check]:
         ("sphere of 1 m, 2 m deep, waves of 8 m: heave", "N/m", CLOSED_FORM, 6876.749, 0.005,
          pressed(sphere, 8.0, deep, 2)),
         ("sphere: surge", "N/m", CLOSED_FORM, 6876.749, 0.005, pressed(sphere, 8.0, deep, 0)),
-        ("Wigley, waves of 10 m: heave", "N/m", PANELS, 15775.0, 0.01,
+        ("Wigley, waves of 10 m: heave", "N/m", PANEL_CODE, 15775.0, 0.01,
          pressed(ship, 10.0, centre, 2)),
-        ("Wigley, waves of 10 m: pitch", "N m/m", PANELS, 75160.0, 0.01,
+        ("Wigley, waves of 10 m: pitch", "N m/m", PANEL_CODE, 75160.0, 0.01,
          pressed(ship, 10.0, centre, 4)),
-        ("Wigley, waves of 20 m: heave", "N/m", PANELS, 45575.0, 0.01,
+        ("Wigley, waves of 20 m: heave", "N/m", PANEL_CODE, 45575.0, 0.01,
          pressed(ship, 20.0, centre, 2)),
-        ("Wigley, waves of 20 m: pitch", "N m/m", PANELS, 77053.0, 0.01,
+        ("Wigley, waves of 20 m: pitch", "N m/m", PANEL_CODE, 77053.0, 0.01,
          pressed(ship, 20.0, centre, 4)),
     ):  # fmt: skip
         yield Check("linear Froude-Krylov", what, unit, source, *about(value, share), found)
@@ -225,7 +225,8 @@ def _pressures(wigley: Hull) -> Iterator[Check]:
 
 
 def _speeds() -> Iterator[Check]:
-    """A ball with form drag alone, half of the coefficient in front and half behind."""
+    """A ball with form drag only: half of its coefficient comes from the front, half from the
+    back."""
     radius, coefficient = 0.1, 0.47
     for what, density, depth in (("light ball rises", 0.5, -60.0), ("heavy ball sinks", 2.0, -5.0)):
         push = abs(1.0 - density) * 4.0 / 3.0 * np.pi * radius**3 * GRAVITY
@@ -272,7 +273,7 @@ def _decays(heights: tuple[float, ...]) -> Iterator[Check]:
 
 
 class _Once:
-    """A measurement that several checks look at."""
+    """A measurement that runs once and serves several checks."""
 
     def __init__(self, work: Callable[[], tuple[float, ...]]) -> None:
         self._work, self._found = work, None
@@ -284,10 +285,9 @@ class _Once:
 
 
 def _decay(height: float) -> tuple[float, float, float, float]:
-    """Heights, over the first one, of the first trough and the second peak, and their times [s]."""
-    mass = DENSITY * np.pi * 250.0 / 3.0
+    """First trough and second peak, relative to the initial height [m], and their times [s]."""
     added, damping = np.zeros(36), np.zeros(36)
-    added[14], damping[14] = SPHERE_ADDED * mass, SPHERE_DAMPING * DENSITY / 1000.0
+    added[14], damping[14] = SPHERE_ADDED_MASS * SPHERE_MASS, SPHERE_DAMPING * DENSITY / 1000.0
     custom = "".join(
         f'<numeric name="{name}" data="{" ".join(map(str, matrix))}"/>'
         for name, matrix in (("added_mass", added), ("damping", damping))
@@ -311,30 +311,32 @@ def _responses(wigley: Hull, ratios: tuple[float, ...]) -> Iterator[Check]:
         for which, (name, unit) in enumerate((("heave", "m/m"), ("pitch", "rad/ka"))):
             yield Check(
                 "response in head waves", f"Wigley, wavelength {ratio:g} lengths: {name}", unit,
-                PANELS, *about(WIGLEY_RESPONSES[ratio][which], 0.05),
+                PANEL_CODE, *about(WIGLEY_RESPONSES[ratio][which], 0.05),
                 lambda found=found, which=which: found()[which],
             )  # fmt: skip
 
 
 def wigley_stiffness(wigley: Hull) -> Array:
-    """Hydrostatic stiffness (2, 2) [N/m, N m] in heave and pitch about the centre of mass."""
+    """Hydrostatic stiffness (2, 2) [N/m, N, N m] in heave and pitch about the centre of mass."""
     found = hydrostatics(scene_of("free", wigley=wigley), with_gz=False)["wigley"].rest
     return np.array(found.stiffness)[2:5:2, 2:5:2]
 
 
 def wigley_response(wigley: Hull, ratio: float, amplitude: float = 0.02) -> tuple[float, float]:
-    """Heave [m/m] and pitch [rad over k a] in head waves of so many lengths of the hull, which does
-    both and nothing else, with one pair of added mass and damping."""
+    """Heave [m/m] and pitch [rad over k a] in head waves.
+
+    ratio: wavelength over the hull's length. amplitude [m]: of the waves. The hull is free in heave
+    and pitch only and has WIGLEY_ADDED_MASS and WIGLEY_DAMPING.
+    """
     wave = Wave(amplitude, ratio * float(np.ptp(wigley.bounds[:, 0])), heading=np.pi)
     omega = np.sqrt(GRAVITY * wave.wavenumber)
     matrices = np.zeros((2, 6, 6))
-    matrices[:, [[0], [2], [4]], [0, 2, 4]] = WIGLEY_ADDED, WIGLEY_DAMPING
-    custom = LINEAR + f'<numeric name="wave_head" data="{amplitude} {wave.wavelength} 180 0"/>'
-    custom += "".join(
+    matrices[:, [[0], [2], [4]], [0, 2, 4]] = WIGLEY_ADDED_MASS, WIGLEY_DAMPING
+    custom = f'<numeric name="wave_head" data="{amplitude} {wave.wavelength} 180 0"/>' + "".join(
         f'<numeric name="{name}" data="{" ".join(map(str, m.ravel()))}"/>'
         for name, m in zip(("added_mass", "damping"), matrices, strict=True)
     )
-    scene = scene_of("heave and pitch", custom, 'timestep="0.01"', wigley)
+    scene = scene_of("heave and pitch", LINEAR_METHOD + custom, 'timestep="0.01"', wigley)
     period = 2.0 * np.pi / omega
     track = np.array(
         [(s.time, *scene.data.qpos[:2]) for s in simulate(scene, 14.0 + 3.0 * period, 30.0)]

@@ -1,4 +1,4 @@
-"""Sixty-four bunnies in one batch, each at its own time of the sea, on all cores."""
+"""Simulate 64 bunnies in one batch on all cores, each starting at a different time of the sea."""
 
 from pathlib import Path
 from time import perf_counter
@@ -17,5 +17,5 @@ batch.bind("time")[:] = np.linspace(0.0, 60.0, COUNT)
 started = perf_counter()
 batch.step(nstep=STEPS)
 taken = perf_counter() - started
-print(f"{COUNT * STEPS / taken:,.0f} simulations x steps a second on {batch.nthread} threads")
+print(f"{COUNT * STEPS / taken:,.0f} simulations x steps per second on {batch.nthread} threads")
 print(f"heights after {STEPS} steps: {qpos[:, 2].mean():.3f} +- {qpos[:, 2].std():.3f} m")

@@ -1,7 +1,7 @@
-"""A gymnasium environment: hold a floating cube in its place by pushing it.
+"""A gymnasium environment: hold a floating cube in position by pushing it.
 
-Needs `pip install gymnasium`. Nothing in it knows of the water but the scene's file, and the import
-of sim, which makes the file's plugin known. So any number of environments live side by side.
+It needs `pip install gymnasium`. Only the scene's file describes the water; importing sim registers
+the plugin. Any number of environments can exist at once.
 """
 
 import sys
@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-import sim  # noqa: F401  the plugin
+import sim  # noqa: F401  registers the plugin
 
 try:
     import gymnasium
@@ -22,8 +22,8 @@ CUBE = Path(__file__).resolve().parents[2] / "models" / "cube.xml"
 
 
 class HoldTheCube(gymnasium.Env):
-    """Force along x and y [N] -> position [m] and velocity [m/s]; each episode has its own time of
-    the sea."""
+    """Action: force along x and y [N]. Observation: qpos (7,) and qvel (6,). Each episode starts at
+    a random time of the sea."""
 
     action_space = gymnasium.spaces.Box(-500.0, 500.0, (2,), np.float64)
     observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (13,), np.float64)

@@ -1,4 +1,4 @@
-"""Float a box that is described by a string, in two crossing waves."""
+"""Float a box, described by an MJCF string, in two crossing waves."""
 
 import mujoco
 

@@ -1,4 +1,4 @@
-"""The water's wrench on a hull at a pose, without MuJoCo: buoyancy by two methods, and drag."""
+"""Compute buoyancy, by two methods, and drag on a hull at a pose, without a MuJoCo scene."""
 
 import numpy as np
 import trimesh

@@ -1,6 +1,6 @@
-"""A loop of one's own: a controller that keeps the bunny in its place, recorded as it goes.
+"""A simulation loop with a controller that keeps the bunny in position; the run is recorded.
 
-With --view the run is shown in Rerun's viewer at the same time.
+With --view, Rerun's viewer shows the run at the same time.
 """
 
 import sys
@@ -20,4 +20,4 @@ with Recorder("recordings/own_loop.rrd", scene, view="--view" in sys.argv) as re
             data.xfrc_applied[bunny, :2] = -200.0 * data.qpos[:2] - 100.0 * data.qvel[:2]
             mujoco.mj_step(model, data)
         if frame % 30 == 0:
-            print(f"{data.time:.2f} s: {data.qpos[:2].round(3)} m from its place")
+            print(f"{data.time:.2f} s: {data.qpos[:2].round(3)} m from the origin")

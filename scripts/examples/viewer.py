@@ -1,6 +1,6 @@
-"""MuJoCo's own viewer, with the sea in it, on a screen: `python viewer.py [my.xml]`.
+"""Show a scene with the sea in MuJoCo's interactive viewer: `python viewer.py [my.xml]`.
 
-Double-click a body and drag it with Ctrl and the right button to push it.
+To push a body, double-click it and drag it with Ctrl and the right mouse button.
 """
 
 import os
@@ -11,10 +11,10 @@ from pathlib import Path
 import mujoco
 import mujoco.viewer
 
-import sim  # noqa: F401  the plugin
+import sim  # noqa: F401  registers the plugin
 
 if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
-    sys.exit("viewer.py: there is no screen to show it on; record a run with scripts/run.py")
+    sys.exit("viewer.py: found no screen; record a run with scripts/run.py instead")
 here = Path(__file__).resolve().parents[2] / "models" / "bunny.xml"
 model = mujoco.MjModel.from_xml_path(sys.argv[1] if len(sys.argv) > 1 else str(here))
 data = mujoco.MjData(model)

@@ -82,6 +82,11 @@ class Hull:
         hull._set(self.vertices @ rotation.T + position, self.faces)
         return hull
 
+    @property
+    def length(self) -> float:
+        """Longest side [m] of the bounds."""
+        return float(np.ptp(self.bounds, axis=0).max())
+
     def __repr__(self) -> str:
         size = " x ".join(f"{side:.4g}" for side in self.bounds[1] - self.bounds[0])
         return f"Hull({len(self.faces)} faces, {size} m, {self.volume:.6g} m^3)"

@@ -1,9 +1,9 @@
-"""Methods: ways to turn (hull, sea, pose, time) into a wrench, one a file, all called alike.
+"""Methods: ways to turn (hull, sea, pose, time) into a wrench, one per file, with one interface.
 
     method = Linear(hull, sea)
     method.wrench(position, rotation, time)     # (6,) force [N], torque [N m], world axes
 
-A scene names its method by the text `buoyancy_method`.
+A scene names its method in the text `buoyancy_method`.
 """
 
 from sim.hulls.hull import Hull
@@ -20,14 +20,14 @@ METHODS: dict[str, type[Method]] = {
     "patches": Patches,
     "reference": Reference,
 }
-"""The class of each method that a scene may name; add your own."""
+"""The class of each method that a scene can name. Add your own here."""
 
 
 def make_method(name: str, hull: Hull, sea: Sea, settings: Settings | None = None) -> Method:
-    """The method of that name for a hull in a sea. Raises ValueError for an unknown name, and for
-    settings that the method cannot follow."""
+    """The method with a given name for a hull in a sea. Raises ValueError for an unknown name and
+    for settings that the method does not accept."""
     if name not in METHODS:
-        raise ValueError(f"'{name}' is no method; expected one of: {', '.join(METHODS)}")
+        raise ValueError(f"'{name}' is not a method; expected one of: {', '.join(METHODS)}")
     try:
         return METHODS[name].from_settings(hull, sea, settings or Settings())
     except ValueError as error:

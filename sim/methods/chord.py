@@ -1,13 +1,13 @@
-"""Chord: as linear, but the waterline across a cut triangle follows the true surface.
+"""Chord: like linear, but the waterline across a cut triangle follows the true surface.
 
 The straight clip gives each cut triangle a chord from p to q along which the interpolated head
-vanishes. Chord takes the true heads at n interior points of the chord and makes them
-vertices of the wet polygon: positive under a crest, negative
-where a trough dips below (the closed form then debits). The polygon is a fan from a wet corner
-that is not on the chord.
+vanishes. This method takes the true heads at n interior points of the chord and makes these points
+vertices of the wet polygon. They are positive under a crest and negative where a trough dips below
+the chord (the closed form then subtracts). The polygon is a fan from a wet corner that is not on
+the chord.
 
-The closed form is linear in the heads and those of p and q are zero, so the samples add to the
-straight clip just the sum of head times weight, the weight of sample c being
+The closed form is linear in the heads, and the heads of p and q are zero. The samples therefore add
+to the straight clip just the sum of head times weight. The weight of sample c is
 
     S / 3  and  (f + c' + c'' + c) / 12 x S      of a fan triangle (f, c', c''), area vector S,
 
@@ -34,7 +34,7 @@ from sim.water.head import solve_heads
 from sim.water.sea import Sea
 
 MOST_SAMPLES = 64
-"""Of a chord: a few are as right as any number of them."""
+"""Maximum number of samples on a chord. A few are as accurate as any number."""
 
 SAMPLE = record(x="f8", y="f8", z="f8", weights=("f8", 6))
 """A point of a chord in the body frame [m] and its weights in the sums over the surface."""
@@ -43,14 +43,15 @@ SAMPLE = record(x="f8", y="f8", z="f8", weights=("f8", 6))
 class Chord(Linear):
     """Wrench of a hull in a sea by a clip that bends along each chord.
 
-    samples: interior points of a chord, 0 being the straight clip; crests_only: forget the
-    troughs, which biases the force upwards (for the experiment). Raises ValueError.
+    samples: number of interior points of a chord, 0 for the straight clip; crests_only: ignore the
+    troughs, which biases the force upwards (for experiments). Raises ValueError for an invalid
+    number of samples.
     """
 
     def __init__(self, hull: Hull, sea: Sea, samples: int = 4, crests_only: bool = False) -> None:
         if not (0 <= samples <= MOST_SAMPLES and samples == int(samples)):
             raise ValueError(
-                f"samples is {samples}; a chord has a whole number of them, 0 to {MOST_SAMPLES}"
+                f"samples is {samples}; expected a whole number from 0 to {MOST_SAMPLES}"
             )
         self.samples = int(samples)
         self.crests_only = bool(crests_only)
@@ -93,7 +94,7 @@ def sample_chord(ends, samples_out):
     """Samples along the chord of `chord_ends`."""
     n = samples_out.size
     fan, first, last = ends[0], ends[1], ends[2]
-    # the fan triangles are alike: all have the same share of the chord
+    # all fan triangles have the same share of the chord, and so the same area
     u, v = first - fan, last - fan
     sx, sy, sz = cross(u[0], u[1], u[2], v[0], v[1], v[2])
     sx, sy, sz = 0.5 * sx / (n + 1.0), 0.5 * sy / (n + 1.0), 0.5 * sz / (n + 1.0)
@@ -102,7 +103,7 @@ def sample_chord(ends, samples_out):
         x = first[0] + along * (last[0] - first[0])
         y = first[1] + along * (last[1] - first[1])
         z = first[2] + along * (last[2] - first[2])
-        # two triangles (f, c - d, c), (f, c, c + d): their neighbours' offsets cancel
+        # the two triangles are (f, c - d, c) and (f, c, c + d): the offsets d cancel
         mx, my, mz = (
             (2.0 * fan[0] + 6.0 * x) / 12.0,
             (2.0 * fan[1] + 6.0 * y) / 12.0,
@@ -134,7 +135,7 @@ def chord_samples(surface, heads):
 
 @kernel
 def add_chords(samples, crests_only, waves, water, position, rotation, time, sums_out):
-    """Add to the straight clip's sums (6,) what the samples on all chords bring."""
+    """Add the samples of all chords to the straight clip's sums (6,)."""
     n = samples.size
     x, y, z, heads = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for i in range(n):

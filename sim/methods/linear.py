@@ -1,14 +1,14 @@
-"""Linear: one elevation a vertex, heads linear over each triangle, straight clip.
+"""Linear: one elevation per vertex, heads linear over each triangle, straight clip.
 
-The closed form of a triangle (see `triangle`) is linear in its three heads. Summed over a
-mesh, each vertex v therefore has a fixed weight in force and torque,
+The closed form of a triangle (see `triangle`) is linear in its three heads. Summed over a mesh,
+each vertex v therefore has fixed weights in force and torque,
 
     A_v = sum over its triangles of S / 3
     B_v = sum over its triangles of (a + b + c + v) / 12 x S,
 
-known in the body frame once and for all. A step is then: the heads of all
-vertices, the sum of e_v (A_v, B_v) over the wet ones, and for each triangle that the
-water cuts the part that the clip takes away. Only that last part looks at triangles.
+computed once in the body frame. A step computes the heads e_v of all vertices and the sum of e_v
+(A_v, B_v) over the wet ones. For each triangle that the water cuts, it subtracts the section that
+the clip removes. Only this last step looks at triangles.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ FACE = record(a="i4", b="i4", c="i4", area_x="f8", area_y="f8", area_z="f8")
 """A triangle's corners and its area vector [m^2]."""
 
 SHAPE = record(low=("f8", 3), high=("f8", 3), reach="f8", samples="i8", crests_only="i8")
-"""The hull's bounds and its longest edge [m]; the settings of `chord`."""
+"""The hull's bounds and its longest edge [m], and the settings of `chord`."""
 
 
 class Surface(NamedTuple):
@@ -47,11 +47,10 @@ class Surface(NamedTuple):
 
 
 class Linear(Compiled):
-    """Wrench of a hull in a sea by the straight clip; the baseline of all methods.
+    """Wrench of a hull in a sea by the straight clip. All other methods are compared with it.
 
-    Exact to round-off where the surface is flat. In waves the surface is replaced by its
-    linear interpolation over every triangle, so the error falls with the square of the
-    triangles' size.
+    It is exact to round-off where the surface is flat. In waves, the surface over each triangle is
+    replaced by its linear interpolation, so the error falls with the square of the triangles' size.
     """
 
     def __init__(self, hull: Hull, sea: Sea) -> None:
@@ -65,7 +64,7 @@ class Linear(Compiled):
 
     @classmethod
     def parts(cls, methods: Sequence[Self], places: Sequence[Place], count: int) -> list[Part]:
-        """One for each method, with the places of all the hulls that have it."""
+        """One part for each method, with the places of all hulls that have it."""
         found: dict[int, tuple[Self, list[tuple[int, int]]]] = {}
         for method, place in zip(methods, places, strict=True):
             found.setdefault(id(method), (method, []))[1].append((place.pose, place.row))
@@ -79,7 +78,7 @@ class Linear(Compiled):
 
 
 def corner_shares(corners: Array, area_vectors: Array) -> Array:
-    """(F, 3, 6): what each corner of triangles (F, 3, 3) adds to A_v [m^2] and B_v [m^3]."""
+    """Contributions (F, 3, 6) of the corners of triangles (F, 3, 3) to A_v [m^2] and B_v [m^3]."""
     arms = (corners.sum(axis=1, keepdims=True) + corners) / 12.0
     shares = np.empty((len(corners), 3, 6))
     shares[:, :, :3] = area_vectors[:, None] / 3.0
@@ -112,7 +111,7 @@ def unpacked(block):
 
 @inline
 def is_above(crest, shape, position, rotation):
-    """Whether no point of the hull's box, turned into the world, is below a crest's height [m]."""
+    """Whether the hull's box, rotated into the world, is all above the height [m] of a crest."""
     height = position[2]
     for j in range(3):
         height += min(rotation[6 + j] * shape[0].low[j], rotation[6 + j] * shape[0].high[j])
@@ -121,11 +120,11 @@ def is_above(crest, shape, position, rotation):
 
 @kernel
 def heads_at_vertices(surface, waves, water, position, rotation, time, heads_out):
-    """Heads (V,) [m] of the vertices; returns how many of them are wet, 0 at once for a hull above
-    the highest crest.
+    """Heads (V,) [m] of the vertices. Return the number of wet vertices.
 
-    A vertex higher above the highest crest than an edge is long touches no triangle that the water
-    could: it gets the head below that crest and no elevation is solved.
+    A hull above the highest crest gives 0 at once. A vertex higher above the highest crest than the
+    longest edge belongs to no triangle that the water can touch. It gets its head below that crest,
+    without a solve.
     """
     level, _ = level_and_rise(water[0], time)
     count, crest = surface.vertices.size, level + water[0].amplitude
@@ -151,8 +150,8 @@ def heads_at_vertices(surface, waves, water, position, rotation, time, heads_out
 
 @inline
 def odd_corner_first(face, heads):
-    """Whether the water cuts a face, and its corners turned so that the odd one, the only wet
-    or the only dry one, comes first."""
+    """Whether the water cuts a face, and the face's corners in an order in which the only wet or
+    the only dry corner comes first."""
     a, b, c = face.a, face.b, face.c
     wet_a, wet_b, wet_c = heads[a] > 0.0, heads[b] > 0.0, heads[c] > 0.0
     if wet_a == wet_c:
@@ -164,7 +163,8 @@ def odd_corner_first(face, heads):
 
 @kernel
 def subtract_dry_parts(surface, heads, sums_out):
-    """Take from the sums over wet vertices (6,) what the clip removes from cut triangles."""
+    """Subtract from the sums (6,) over wet vertices the sections that the clip removes from cut
+    triangles."""
     for f in range(surface.faces.size):
         face = surface.faces[f]
         is_cut, a, b, c = odd_corner_first(face, heads)
@@ -187,8 +187,8 @@ def subtract_dry_parts(surface, heads, sums_out):
 def wet_sums(surface, heads, wet, sums_out):
     """Sums (6,) of the wet surface over - density gravity, body frame, from the heads of all
     vertices."""
-    # A uniform head on a closed surface adds nothing. Deep under water taking it off
-    # keeps the sum free of the round-off of large numbers that cancel.
+    # A uniform head on a closed surface adds nothing. Subtracting it keeps large numbers that
+    # cancel, and their round-off, out of the sum of a deeply submerged hull.
     datum = heads[0] if wet == heads.size else 0.0
     sums_out[:] = 0.0
     for v in range(heads.size):
@@ -202,7 +202,8 @@ def wet_sums(surface, heads, wet, sums_out):
 
 @inline
 def write_turned(sums, rotation, scale, wrench_out):
-    """Sums (6,) in the body frame as a wrench (6,) in world axes, scaled; rotation: (9,)."""
+    """Rotate sums (6,) from the body frame to world axes by a rotation (9,), and write them, times
+    a scale, as a wrench (6,)."""
     for i in range(3):
         force, torque = 0.0, 0.0
         for j in range(3):

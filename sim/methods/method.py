@@ -143,11 +143,11 @@ class Method(ABC):
     A class of one's own needs `wrench`; with an entry in `METHODS` scenes may name it. Where many
     hulls together are cheaper than one after the other, it has a `batch` of its own.
 
-    takes_tolerance: whether a scene's tolerance of the water height means something to it; notes:
-    what could not be done as it was wished, a sentence each.
+    tolerance [m of water height]: what it keeps, None for a method that has no use for a scene's;
+    notes: what could not be done as it was wished, a sentence each.
     """
 
-    takes_tolerance = False
+    tolerance: float | None = None
     notes: tuple[str, ...] = ()
 
     def __init__(self, hull: Hull, sea: Sea) -> None:

@@ -1,19 +1,19 @@
-"""Reference: the wrench converged to a stated error; the truth to measure other methods against.
+"""Reference: the wrench converged to a stated error, against which other methods are measured.
 
-The hull's triangles are flat, the water's surface over them is curved. Triangles are halved in
-both directions, level by level, until each piece is one of three:
+The hull's triangles are flat; the water's surface over them is curved. Triangles are halved in both
+directions, level by level, until each piece is one of three:
 
-- surely dry: adds nothing;
-- surely wet: the head is smooth and Gauss quadrature takes care of it, the difference of two orders
-  being the error's estimate; a piece that misses its share of the tolerance is halved again;
-- on the waterline: clipped straight, with the head linear over the piece. Only these few
-  pieces are halved down to the smallest size; their error falls with its third power (the second
-  from the linear elevation, the first from the shrinking band).
+- surely dry: it adds nothing;
+- surely wet: the head is smooth, and Gauss quadrature integrates it. The difference of two orders
+  estimates the error. A piece that exceeds its share of the tolerance is halved again;
+- on the waterline: it is clipped straight, with the head linear over the piece. Only these few
+  pieces are halved down to the smallest size. Their error falls with its third power: the second
+  from the linear elevation, the first from the shrinking band.
 
-"Surely" means deeper than the sag of the surface over the piece, or higher: a linear interpolation
-over a triangle within a circle of radius r misses by at most M r^2 / 2, M bounding the surface's
-second derivatives everywhere. The surface is therefore never taken for flat, wherever
-it may bulge between the corners.
+"Surely" means deeper or higher than the sag of the surface over the piece: a linear interpolation
+over a triangle within a circle of radius r has an error of at most M r^2 / 2, where M bounds the
+surface's second derivatives everywhere. The surface is therefore never assumed to be flat between
+the corners of a piece.
 """
 
 from typing import Self
@@ -29,37 +29,43 @@ from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
-FINEST = 1e-14
-"""A tolerance below this asks for less than round-off."""
+SMALLEST_TOLERANCE = 1e-14
+"""Smallest tolerance, as a share of density * gravity * volume. Round-off exceeds smaller ones."""
 
 MOST_PIECES = 4_000_000
-"""Triangles at a level after which it is given up: far off in place or time phases are noise, and
-no halving would ever do."""
+"""Maximum number of triangles at a level. Far from the origin in position or time the phases are
+noise, and no halving would reach the tolerance."""
 
-NOISE = 10.0
-"""Tolerances that round-off in the phases may leave, as it averages out."""
+NOISE_TOLERANCES = 10.0
+"""Largest round-off from the phases, in tolerances. It may exceed 1 because the round-off averages
+out."""
 
-MAX_LEVELS = 24
-"""Halvings after which even a kilometre is a tenth of a millimetre: more would be round-off."""
+MOST_HALVINGS = 24
+"""Maximum number of halvings. They reduce a kilometre to a tenth of a millimetre; more would only
+add round-off."""
 
 
 class Reference(Method):
-    """Wrench of a hull in a sea, converged to `tolerance`, relative to density * gravity * volume
-    (force; for the torque times the hull's largest distance from its frame's origin).
+    """Wrench of a hull in a sea, converged to a tolerance.
 
-    Slow: thousands to millions of heads a call. Raises RuntimeError when so many halvings of the
-    triangles do not reach the tolerance.
+    tolerance: error of the force over density * gravity * volume, and of the torque over that times
+    the hull's largest distance from its frame's origin; halvings: maximum number of halvings.
+    Raises ValueError for an invalid tolerance.
+
+    It is slow: a call takes thousands to millions of heads. `wrench` raises RuntimeError if it does
+    not reach the tolerance.
     """
 
     def __init__(
-        self, hull: Hull, sea: Sea, tolerance: float = 1e-9, halvings: int = MAX_LEVELS
+        self, hull: Hull, sea: Sea, tolerance: float = 1e-9, halvings: int = MOST_HALVINGS
     ) -> None:
-        if not FINEST <= tolerance < np.inf:
+        if not SMALLEST_TOLERANCE <= tolerance < np.inf:
             raise ValueError(
-                f"the tolerance is {tolerance}; it must be finite and {FINEST:g} or more"
+                f"the tolerance is {tolerance}; it must be finite and "
+                f"{SMALLEST_TOLERANCE:g} or more"
             )
         super().__init__(hull, sea)
-        self.tolerance = float(tolerance)
+        self._tolerance = float(tolerance)
         self.halvings = halvings
         self._area = float(np.linalg.norm(hull.area_vectors, axis=1).sum())
 
@@ -77,23 +83,24 @@ class Reference(Method):
         return -self.sea.density * self.sea.gravity * total
 
     def _check_phases(self, position: Array, time: float) -> None:
-        """Refuse a place or time so far off that the waves' phases are noise there: no halving
-        would ever reach the tolerance."""
+        """Raise RuntimeError for a position or time so far off that the waves' phases are noise
+        there. No halving would reach the tolerance."""
         waves, eps = self.sea.components, np.finfo(float).eps
         rates = 2.0 * np.pi * waves["frequency"] * abs(time)
         rates += waves["wavenumber"] * float(np.hypot(*position[:2]))
         noise = eps * float(waves["amplitude"] @ rates) * self._area / self.hull.volume
-        if noise > NOISE * self.tolerance:
+        if noise > NOISE_TOLERANCES * self._tolerance:
             raise RuntimeError(
-                f"so far off, at {position.tolist()} m and {time:g} s, the waves' phases leave the "
-                f"wrench open to {noise:.1g}; ask for a tolerance of that or for nearer places"
+                f"at {position.tolist()} m and {time:g} s, round-off of the waves' phases leaves a "
+                f"relative error of {noise:.1g} in the wrench, above the tolerance "
+                f"{self._tolerance:g}; use a larger tolerance or a position and time nearer to 0"
             )
 
     def _integrate(self, water: "_Water", corners: Array) -> Array:
-        """Sum (6,) over - density gravity of the wet part of triangles (N, 3, 3), given in world
+        """Sum (6,) over - density gravity of the wet surface of triangles (N, 3, 3), given in world
         axes from the hull frame's origin."""
         allowed = (
-            0.5 * self.tolerance * self.hull.volume
+            0.5 * self._tolerance * self.hull.volume
         )  # half for the wet, half for the waterline
         heads = water.heads(corners)
         total = np.zeros(6)
@@ -117,21 +124,21 @@ class Reference(Method):
             if len(corners) > MOST_PIECES:
                 break
         raise RuntimeError(
-            f"the wrench did not converge to {self.tolerance:g} of density * gravity * volume in "
-            f"{self.halvings} halvings or {MOST_PIECES:,} triangles; ask for a larger tolerance"
+            f"the wrench did not converge to {self._tolerance:g} of density * gravity * volume in "
+            f"{self.halvings} halvings or {MOST_PIECES:,} triangles; use a larger tolerance"
         )
 
     def _resolved(self, corners: Array) -> Array:
-        """Which triangles (N,) are small enough for samples of the surface to tell its shape: large
-        ones may meet the same phase of a short wave at every sample."""
+        """Whether each triangle (N,) is small enough for samples to show the surface's shape.
+        Samples on a large one may all meet the same phase of a short wave."""
         shortest = max((w.wavenumber for w in self.sea.waves), default=0.0)
         return _horizontal_radius(corners) * shortest <= 1.0 - self.sea.worst_steepness
 
     def _integrate_wet(
         self, water: "_Water", corners: Array, allowed: float
     ) -> tuple[Array, Array]:
-        """Sum (6,) over those wet triangles whose quadrature error is below `allowed` [m] times
-        their area, and the corners of the others."""
+        """Sum (6,) over the wet triangles whose quadrature error is below `allowed` [m] times their
+        area, and the corners of the other triangles."""
         resolved = self._resolved(corners)
         unresolved, corners = corners[~resolved], corners[resolved]
         coarse, _ = _quadrature(water, corners, COARSE_RULE)
@@ -155,7 +162,7 @@ class _Water:
         return self.sea.head(*np.moveaxis(points + self.position, -1, 0), self.time)
 
     def depths(self, points: Array, heads: Array) -> Array:
-        """Depths (...) [m] of the points below the surface right above, from their heads."""
+        """Depths (...) [m] of the points below the surface directly above, from their heads."""
         if self._still is self.sea:
             return heads
         return self._still.head(*np.moveaxis(points + self.position, -1, 0), self.time)
@@ -168,9 +175,9 @@ def _horizontal_radius(corners: Array) -> Array:
 
 
 def _halved(water: _Water, corners: Array, heads: Array) -> tuple[Array, Array, float]:
-    """Four children of each triangle with their heads, and what taking the elevation as linear
-    over the children costs the volume [m^3]: a quarter of what it costs over the parents, where
-    the midpoints integrate its deviation exactly to second order."""
+    """Four children of each triangle, their heads, and the error of the volume [m^3] from linear
+    elevation over the children. It is a quarter of the parents' error, which the midpoints
+    integrate exactly to second order."""
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1))  # of the sides ab, bc, ca
     middle_heads = water.heads(middles)
     deviation = np.abs(middle_heads - 0.5 * (heads + np.roll(heads, -1, axis=1))).mean(axis=1)
@@ -197,7 +204,7 @@ COARSE_RULE, FINE_RULE = gauss_rule(4), gauss_rule(6)
 
 
 def _quadrature(water: _Water, corners: Array, rule: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Means over triangles of the head (N,) [m] and of head times place (N, 3) [m^2]."""
+    """Means over triangles of the head (N,) [m] and of head times position (N, 3) [m^2]."""
     points, weights = rule
     places = np.einsum("qc,ncx->nqx", points, corners)
     weighted = water.heads(places) * weights

@@ -15,11 +15,11 @@ import numpy as np
 
 from sim.methods import METHODS, Settings
 from sim.methods.chord import MOST_SAMPLES
-from sim.methods.reference import FINEST
+from sim.methods.reference import SMALLEST_TOLERANCE
 from sim.water.gerstner import MOST_TIDES
 from sim.water.head import PRESSURES
 from sim.water.sea import DEFAULT_PRESSURE
-from sim.water.spectrum import MOST_SEED, MOST_WAVES, WIDEST_SPREAD
+from sim.water.spectrum import LARGEST_SEED, MOST_WAVES, WIDEST_SPREAD
 
 LARGEST_NUMBER = 1e9
 """Bound of numbers that have no bound of their own, in any unit."""
@@ -151,7 +151,7 @@ _SEA = (
     Number("spread", "deg", 0.0, np.degrees(0.999 * WIDEST_SPREAD),
            default=25.0),
     Number("number of waves", "", 1, MOST_WAVES, is_whole=True, default=40),
-    Number("seed", "", 0, MOST_SEED, is_whole=True),
+    Number("seed", "", 0, LARGEST_SEED, is_whole=True),
 )  # fmt: skip
 """The last numbers of every irregular sea: how its spectrum is cut into waves."""
 
@@ -224,7 +224,7 @@ NUMERICS = {
     ),
     "reference_tolerance": NumericField(
         "error that `reference` converges to",
-        (Number("reference tolerance", "of rho g V", FINEST, 1.0,
+        (Number("reference tolerance", "of rho g V", SMALLEST_TOLERANCE, 1.0,
                 default=Settings.reference_tolerance),),
     ),
     "buoyancy_union": NumericField(

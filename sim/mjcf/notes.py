@@ -95,7 +95,7 @@ def notes_about_sizes(sea: Sea, hulls: Iterable[tuple[str, Hull]]) -> Iterator[s
         return
     lengths = [wave.wavelength for wave in sea.waves]
     for name, hull in hulls:
-        size = float(np.ptp(hull.bounds, axis=0).max())
+        size = hull.length
         if size > LONGEST * max(lengths) or size < SHORTEST * min(lengths):
             yield (
                 f"geom '{name}' is {size:.3g} m long and the waves {min(lengths):.3g} to "
@@ -108,7 +108,7 @@ def _about_floors(
     model: mujoco.MjModel, start: mujoco.MjData, sea: Sea, floats: Sequence[FloatingGeom]
 ) -> Iterator[str]:
     """Static planes, boxes and height fields at the water's surface, which floats may stand on."""
-    size = max(float(np.ptp(f.method.hull.bounds, axis=0).max()) for f in floats)
+    size = max(f.method.hull.length for f in floats)
     band = sea.amplitude + NEAR * size
     for geom in np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0):
         top = _top(model, start, int(geom))

@@ -1,6 +1,6 @@
-"""Context: the water of a model and the hulls in it, in tables that C functions read.
+"""Context: the water and hulls of a model, in tables that compiled code reads.
 
-Models with the same content share a context: a model, its copies, and all of their states.
+Models with the same content share a context, for example a model and its copies, with all states.
 """
 
 import ctypes
@@ -20,7 +20,7 @@ from sim.mjcf.floats import FloatingGeom, moving_dofs
 from sim.mjcf.reading import Floating, stamp_of
 from sim.plugin import native
 from sim.plugin.layout import (
-    OF_MATRICES,
+    MATRIX_FIELDS,
     content_spans,
     offsets,
     option_spans,
@@ -35,23 +35,22 @@ Table = NDArray[np.void]
 
 CLOCK_MONOTONIC = getattr(time, "CLOCK_MONOTONIC", 0)
 
-UNUSED = 16
-"""Contexts that are kept although no state uses them: a model is compiled before its first state is
-made, and other models may be compiled in between."""
+MOST_UNUSED_CONTEXTS = 16
+"""Largest number of contexts that are kept while no state uses them. A model is compiled before its
+first state is made, and other models may be compiled in between."""
 
 
 class Context:
-    """A sea and the hulls in it, as kernels take them; the record is at `address`.
+    """A sea and the hulls in it, in the form that kernels read; its record is at `address`.
 
-    Nothing in it changes but the number of its users.
+    Nothing in a context changes except its number of users.
 
-    sea: what they float in; floats: the hulls; bodies: (B,) ids of their bodies, each once;
-    float_bodies: (H,) for each hull its place in `bodies`; notes: what there is to say about hulls
-    and waves; model: the one that it was made from.
+    sea: the water. floats: the H hulls. bodies (B,): ids of their bodies. float_bodies (H,): index
+    into `bodies` per hull. notes: remarks on hulls and waves. model: the model it was made from.
     """
 
     def __init__(self, model: mujoco.MjModel, what: Floating) -> None:
-        self.model = model  # a copy that nobody else has
+        self.model = model  # a copy that belongs to this context
         self.sea, self.floats, self.notes = what.sea, what.floats, what.notes
         self._files = what.files
         sea, floats = self.sea, self.floats
@@ -71,8 +70,8 @@ class Context:
         self.address = int(self._record.ctypes.data)
 
     def _method_of_pushing(self) -> tuple[list[NativePart], Callable[..., None] | None]:
-        """The hulls by the kernels of their methods; where a method has none, a function that asks
-        the interpreter instead."""
+        """The hulls grouped by kernel. If a method has no kernel, there are no groups but a Python
+        function that computes all wrenches."""
         of_batches = [batch.native() for batch in self.batches]
         if None not in of_batches:
             return [part for parts in of_batches for part in parts], None
@@ -80,7 +79,7 @@ class Context:
         @ctypes.CFUNCTYPE(None, WORD, WORD, WORD, WORD)
         def push(context: int, model: int, data: int, wrenches: int) -> None:
             found = floats_at(wrenches, (len(self.floats), 6))
-            found[:] = np.nan  # what stays where a method raises
+            found[:] = np.nan  # remains if a method raises an error
             places, rotations = (
                 floats_at(word_at(data + offsets()[name]), (self._geoms, size))
                 for name, size in (("geom_xpos", 3), ("geom_xmat", 9))
@@ -113,15 +112,15 @@ class Context:
 
     @property
     def users(self) -> int:
-        """The number of states that use it."""
+        """The number of states that use the context."""
         return int(self._record["homes"][0])
 
     def is_current(self) -> bool:
-        """Whether the files that it was read from are what they were."""
+        """Whether the files that the hulls were read from are unchanged."""
         return all(stamp == stamp_of(name) for name, stamp in self._files.items())
 
     def join(self, home: int, content: int) -> None:
-        """Take in the home at an address, with the content of its model."""
+        """Let the home at an address, for a model with a content number, use this context."""
         for field, value in (
             (native.CONTEXT_OF, self.address), (native.CONTENT, content), (native.REFUSED, 0)
         ):  # fmt: skip
@@ -129,19 +128,20 @@ class Context:
         native.count_at.call(self.address, 1)
 
     def adopt(self, home: int, content: int) -> None:
-        """The same with a home of another context."""
+        """Let a home that uses another context use this one instead."""
         native.count_at.call(word_at(home), -1)
         self.join(home, content)
 
     def push(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Buoyancy (H, 6) of all hulls about their geoms' places."""
+        """Buoyancy wrenches (H, 6) of all hulls about their geoms' positions."""
         wrenches = np.empty((len(self.floats), 6))
         function = self._push or native.push_at.call
         function(self.address, model._address, data._address, wrenches.ctypes.data)
         return wrenches
 
     def drags(self, model: mujoco.MjModel, data: mujoco.MjData, wrenches: Array) -> Array:
-        """Drag (B, 6) of all bodies, about their centres of mass, from the hulls' wrenches."""
+        """Drag wrenches (B, 6) of all bodies about their centres of mass, given `push`'s
+        wrenches."""
         found = np.zeros((len(self.bodies), 6))
         if self.has_resistance:
             places = wrenches.ctypes.data, found.ctypes.data
@@ -150,7 +150,7 @@ class Context:
 
 
 def batches_of(floats: Sequence[FloatingGeom], threads: int) -> list[Batch]:
-    """The floats in batches, one for each class of methods and each sea."""
+    """Group the floats into batches, one per class of methods and sea."""
     alike: dict[tuple[type, int], list[tuple[int, FloatingGeom]]] = {}
     for i, f in enumerate(floats):
         alike.setdefault((type(f.method), id(f.method.sea)), []).append((i, f))
@@ -162,14 +162,14 @@ def batches_of(floats: Sequence[FloatingGeom], threads: int) -> list[Batch]:
 
 @cache
 def _field_table() -> Table:
-    """FIELD rows of all that hulls and waves are made from."""
+    """FIELD rows of all data that hulls and waves are made from."""
     rows = [(start, 0, size, False) for start, size in option_spans()]
-    rows += [(*span, name in OF_MATRICES) for name, span in content_spans().items()]
+    rows += [(*span, name in MATRIX_FIELDS) for name, span in content_spans().items()]
     return np.array(rows, native.FIELD)
 
 
 def blank() -> Table:
-    """A CONTEXT that knows MuJoCo's layout and which fields count, and nothing of a model."""
+    """A CONTEXT with MuJoCo's layout and the FIELD rows, but without a model."""
     record = np.zeros(1, native.CONTEXT)
     record["fields"], record["field_count"] = _field_table().ctypes.data, _field_table().size
     for name, offset in offsets().items():
@@ -181,28 +181,31 @@ _blank = cache(blank)
 
 
 def content_of(model: int) -> int:
-    """A number for all that hulls and waves are made from in the model at an address."""
+    """The content number of the model at an address: a hash of all that hulls and waves depend
+    on."""
     return native.content_at.call(int(_blank().ctypes.data), model)
 
 
 class Contexts:
-    """The contexts of the process."""
+    """All contexts of the process."""
 
     def __init__(self) -> None:
         self.lock = RLock()
         self._found: dict[tuple[object, ...], Context] = {}
-        self._replaced: list[Context] = []  # which some state still uses
+        self._replaced: list[Context] = []  # replaced, but states still use them
 
     def __iter__(self) -> Iterator[Context]:
         return iter((*self._found.values(), *self._replaced))
 
     def at(self, address: int) -> Context:
-        """The context at an address, which some state uses."""
+        """The context with a record at an address."""
         return next(context for context in self if context.address == address)
 
     def of(self, model: int, make: Callable[[], Context]) -> tuple[Context, int]:
-        """The context of the model at an address, made where there is none, and the number of the
-        model's content. Whoever calls holds the lock until the context has its user."""
+        """The context of the model at an address, made if necessary, and its content number.
+
+        The caller must hold the lock until a state uses the context.
+        """
         content = content_of(model)
         key = content, *METHODS.items()
         context = self._found.get(key)
@@ -213,7 +216,7 @@ class Contexts:
             self._replaced = [c for c in (*self._replaced, context) if c and c.users]
             context = self._found[key] = made
             unused = [k for k, found in self._found.items() if not found.users]
-            for old in unused[:-UNUSED]:
+            for old in unused[:-MOST_UNUSED_CONTEXTS]:
                 del self._found[old]
         return context, content
 
@@ -221,7 +224,7 @@ class Contexts:
 def _float_tables(
     model: mujoco.MjModel, floats: Sequence[FloatingGeom]
 ) -> tuple[Table, Table, Table]:
-    """FLOAT and BODY rows, body by body, and the DOFs of those with drag or added mass."""
+    """FLOAT and BODY rows, ordered by body, and DOF rows of bodies with drag or added mass."""
     resisted = np.cumsum([f.drag is not None for f in floats]) - 1
     memories = np.cumsum(model.body_weldid != 0) - 1
     rows, bodies, dofs = [], [], []
@@ -237,7 +240,7 @@ def _float_tables(
 
 
 def _hull_table(floats: Sequence[FloatingGeom]) -> Table:
-    """HULL rows of those with drag or added mass."""
+    """HULL rows of the floats with drag or added mass."""
     volumes: dict[int, float] = {}
     for f in floats:
         if f.drag:
@@ -249,7 +252,7 @@ def _hull_table(floats: Sequence[FloatingGeom]) -> Table:
 def _picture_table(what: Floating) -> Table:
     row = np.zeros(1, native.PICTURE)
     if what.is_drawn:
-        row["length"] = max(float(np.ptp(f.method.hull.bounds, axis=0).max()) for f in what.floats)
+        row["length"] = max(f.method.hull.length for f in what.floats)
     row["init_geom"] = function_address(mujoco_library(), "mjv_initGeom")
     row["triangle"] = int(mujoco.mjtGeom.mjGEOM_TRIANGLE)
     row["decoration"] = int(mujoco.mjtCatBit.mjCAT_DECOR)

@@ -5,9 +5,9 @@
       <plugin name="bow" plugin="waterline.gauge" objtype="site" objname="bow"/>
     </sensor>
 
-Its five numbers in `data.sensordata` are the height z [m] of the water's surface above or below the
-site, the head [m] at the site (positive below the surface), and the velocity [m/s] of the water
-there along the world's axes; above the surface that of the surface.
+Its five numbers in `data.sensordata` are z [m] of the water's surface directly above or below the
+site, the head [m] at the site (positive below the surface), and the velocity [m/s] of the water at
+the site in world axes. If the site is above the surface, it is the velocity of the surface.
 """
 
 import numpy as np
@@ -26,13 +26,13 @@ from sim.water.gerstner import LABELS, ONE, level_and_rise, set_labels, solve_la
 from sim.water.head import solve_heads
 from sim.water.motion import MOTION, VELOCITY, water_motion
 
-GAUGED = 5
-"""Numbers of a gauge."""
+GAUGE_SIZE = 5
+"""Number of values that a gauge measures."""
 
 
 @kernel
 def gauge(context, time, place, readings_out):
-    """Elevation [m], head [m] and velocity [m/s] of the water, (5,), at a place (3,) [m]."""
+    """z of the surface [m], head [m] and velocity [m/s] of the water, (5,), at a point (3,) [m]."""
     tables = tables_of(context)
     waves, water = tables.waves, tables.water
     labels, guess, motion = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, MOTION)
@@ -51,7 +51,7 @@ def gauge(context, time, place, readings_out):
 
 @c_function
 def gauge_at(model, data, instance, capability):
-    """Read all gauges of an instance, in the stage of positions."""
+    """Write the readings of all gauges of an instance; MuJoCo calls this in the position stage."""
     water = water_instance(model)
     home = home_of(model, data, water) if water >= 0 else 0
     if home == 0:
@@ -65,5 +65,7 @@ def gauge_at(model, data, instance, capability):
     for s in range(count):
         if instances[s] == lower_half(instance):
             place = floats_at(model_array(data, layout.site_xpos) + 24 * sites[s], (3,))
-            readings = floats_at(model_array(data, layout.sensordata) + 8 * starts[s], (GAUGED,))
+            readings = floats_at(
+                model_array(data, layout.sensordata) + 8 * starts[s], (GAUGE_SIZE,)
+            )
             gauge(context, time, place, readings)

@@ -35,7 +35,7 @@ class Homes:
         if not self._free:
             self._make_room()
         number = self._free.pop()
-        size = native.HOME_SIZE + 8 * native.KEPT * memories
+        size = native.HOME_SIZE + 8 * native.HOME_ROW_SIZE * memories
         allocate = mujoco_library().mju_malloc
         allocate.restype = ctypes.c_void_p
         home = allocate(ctypes.c_size_t(size))

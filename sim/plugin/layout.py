@@ -1,7 +1,7 @@
-"""Layout: where MuJoCo's C structs keep what the water reads, as offsets in bytes.
+"""Layout: byte offsets of the fields of MuJoCo's C structs that the plugin reads.
 
-They follow from the declarations that MuJoCo gives of itself, by the rules of C, and are
-held against a model and a state whose arrays are known before anything relies on them.
+The offsets follow from MuJoCo's own declarations (`mujoco.introspect`) by the rules of C. Before
+they are used, they are checked against a model and a state whose arrays are known.
 """
 
 import ctypes
@@ -14,41 +14,41 @@ from mujoco.introspect import ast_nodes, structs
 
 from sim.kernels import record
 
-OPTIONS = ("timestep", "disableflags")
-MODEL = (
+OPTION_FIELDS = ("timestep", "disableflags")
+MODEL_FIELDS = (
     "nbody", "nnumeric", "nplugin", "M_rownnz", "M_rowadr", "body_inertia", "body_weldid",
     "numeric_size", "plugin", "plugin_stateadr", "nsensor", "sensor_plugin", "sensor_objid",
     "sensor_adr", "sensor_objtype",
 )  # fmt: skip
-DATA = (
+DATA_FIELDS = (
     "time", "qvel", "xfrc_applied", "xipos", "ximat", "geom_xpos", "geom_xmat", "subtree_com",
     "cvel", "cdof", "cdof_dot", "M", "plugin_data", "plugin_state", "site_xpos", "sensordata",
 )  # fmt: skip
-"""The fields that are read by their places, of mjOption, mjModel and mjData."""
+"""Fields of mjOption, mjModel and mjData that are read by their offsets."""
 
-LAYOUT = record(**{name: "i8" for name in OPTIONS + MODEL + DATA})
-"""The offsets in bytes; those of options count from where the model begins."""
+LAYOUT = record(**{name: "i8" for name in OPTION_FIELDS + MODEL_FIELDS + DATA_FIELDS})
+"""The offsets in bytes; offsets of options are relative to the start of the mjModel."""
 
-CONTENT = (
+CONTENT_FIELDS = (
     "names", "body_parentid", "body_rootid", "body_weldid", "body_mocapid", "body_jntnum",
     "body_dofnum", "body_geomnum", "body_simple", "jnt_type", "jnt_bodyid", "geom_type",
     "geom_contype", "geom_conaffinity", "geom_bodyid", "geom_dataid", "geom_size", "geom_pos",
     "geom_quat", "mesh_vertnum", "mesh_facenum", "mesh_vert", "mesh_face", "numeric_size",
     "numeric_data", "text_size", "text_data", "tuple_size", "tuple_objtype", "tuple_objid",
 )  # fmt: skip
-"""What hulls, waves and settings are made from, besides the options."""
+"""Arrays of a model from which hulls, waves and settings are made, besides the options."""
 
-OF_MATRICES = ("body_mass", "body_ipos", "body_iquat", "jnt_axis")
-"""What added mass and damping depend on besides, where they are given as matrices."""
+MATRIX_FIELDS = ("body_mass", "body_ipos", "body_iquat", "jnt_axis")
+"""Further arrays that matter if added mass or damping is given as a matrix."""
 
-SIZES = {
+TYPE_SIZES = {
     "int": 4, "float": 4, "char": 1, "mjtNum": 8, "mjtByte": 1, "mjtBool": 1, "mjtSize": 8,
     "size_t": 8, "uint64_t": 8, "int64_t": 8, "uintptr_t": 8, "uint32_t": 4, "unsigned int": 4,
     "unsigned char": 1, "double": 8,
 }  # fmt: skip
-"""Bytes of the plain types; enumerations are ints."""
+"""Bytes of the plain C types. All other types without declared fields are enumerations, 4 bytes."""
 
-PROBE = """
+PROBE_MODEL = """
 <mujoco>
   <extension>
     <plugin plugin="waterline"><instance name="w"/></plugin><plugin plugin="waterline.gauge"/>
@@ -67,12 +67,11 @@ PROBE = """
     <plugin plugin="waterline.gauge" objtype="site" objname="s"/>
   </sensor>
 </mujoco>"""
-"""A model in which no field that we read is empty."""
+"""A model in which none of the fields that are read is empty."""
 
 
 class Span(NamedTuple):
-    """An array of a model: the offsets of its pointer and of the number of its rows, and the bytes
-    of a row."""
+    """An array of a model: offsets of its pointer and of its number of rows, and bytes per row."""
 
     pointer: int
     counter: int
@@ -81,8 +80,8 @@ class Span(NamedTuple):
 
 @cache
 def offsets() -> dict[str, int]:
-    """The offset of each of our fields, whose places are as declared. Raises RuntimeError where
-    they are not."""
+    """The offsets of LAYOUT by field. Raises RuntimeError where a field is not where it is
+    declared."""
     found = _declared()
     content = [(name, span.pointer) for name, span in content_spans().items()]
     wrong = [name for name, place in (*found.items(), *content) if not _is_there(name, place)]
@@ -94,17 +93,17 @@ def offsets() -> dict[str, int]:
 
 
 def declared(name: str) -> int:
-    """The offset of one of our fields as MuJoCo declares it: before a model can be compiled."""
+    """The declared offset of a field of LAYOUT, unchecked: no model can be compiled yet."""
     return _declared()[name]
 
 
 @cache
 def content_spans() -> dict[str, Span]:
-    """The arrays CONTENT and OF_MATRICES of a model by their names."""
+    """The arrays CONTENT_FIELDS and MATRIX_FIELDS of a model by name."""
     places = _fields("mjModel")
     kinds = {field.name: field for field in structs.STRUCTS["mjModel"].fields}
     found = {}
-    for name in CONTENT + OF_MATRICES:
+    for name in CONTENT_FIELDS + MATRIX_FIELDS:
         counter, *extents = kinds[name].array_extent
         size, _ = _extent(kinds[name].type.inner_type)
         found[name] = Span(places[name], places[counter], size * int(np.prod(extents)))
@@ -113,8 +112,10 @@ def content_spans() -> dict[str, Span]:
 
 @cache
 def option_spans() -> list[tuple[int, int]]:
-    """The first byte and the number of bytes of what of a model's options hulls and waves depend
-    on: all but the timestep and `disableflags`, which stands for itself."""
+    """(first byte, number of bytes) of the options in a model that hulls and waves depend on.
+
+    These are all options but the timestep and `disableflags`, which `native.content_of` reads.
+    """
     places, last = _fields("mjOption"), structs.STRUCTS["mjOption"].fields[-1]
     start, end = _fields("mjModel")["opt"], places[last.name] + _extent(last.type)[0]
     flags = places["disableflags"]
@@ -129,15 +130,17 @@ def _declared() -> dict[str, int]:
     model, data = _fields("mjModel"), _fields("mjData")
     options = _fields("mjOption")
     return (
-        {name: model["opt"] + options[name] for name in OPTIONS}
-        | {name: model[name] for name in MODEL}
-        | {name: data[name] for name in DATA}
+        {name: model["opt"] + options[name] for name in OPTION_FIELDS}
+        | {name: model[name] for name in MODEL_FIELDS}
+        | {name: data[name] for name in DATA_FIELDS}
     )
 
 
 def take_over(model: mujoco.MjModel, source: int) -> None:
-    """Give a model all numbers of one of the same structure at an address, whose arrays may lie
-    anywhere: a world of a `mujoco.batch` has some of its own, and cannot be copied."""
+    """Copy all numbers of the mjModel at an address into a model of the same structure.
+
+    A world of a `mujoco.batch` has some arrays of its own and MuJoCo cannot copy it.
+    """
     places, here = _fields("mjModel"), model._address
     options = _extent(ast_nodes.ValueType("mjOption"))[0]
     ctypes.memmove(here + places["opt"], source + places["opt"], options)
@@ -154,7 +157,7 @@ def take_over(model: mujoco.MjModel, source: int) -> None:
 
 
 def picture_offsets() -> dict[str, int]:
-    """Offsets in mjvScene and mjvGeom of what drawing reads and sets, by the names of
+    """Offsets in mjvScene and mjvGeom, and the size of an mjvGeom, by field of
     `picture.PICTURE`."""
     scene, geom = _fields("mjvScene"), _fields("mjvGeom")
     kind = ast_nodes.ValueType("mjvGeom")
@@ -172,7 +175,7 @@ def picture_offsets() -> dict[str, int]:
 
 
 def _fields(struct: str) -> dict[str, int]:
-    """Offset of every field of a struct."""
+    """The offset of every field of a struct."""
     places, at = {}, 0
     for field in structs.STRUCTS[struct].fields:
         size, alignment = _extent(field.type)
@@ -183,7 +186,7 @@ def _fields(struct: str) -> dict[str, int]:
 
 
 def _extent(kind: object) -> tuple[int, int]:
-    """Size and alignment of a type."""
+    """Size and alignment of a type in bytes."""
     if isinstance(kind, ast_nodes.PointerType):
         return 8, 8
     if isinstance(kind, ast_nodes.ArrayType):
@@ -192,7 +195,7 @@ def _extent(kind: object) -> tuple[int, int]:
             size *= count
         return size, alignment
     if isinstance(kind, ast_nodes.ValueType) and kind.name not in structs.STRUCTS:
-        size = SIZES.get(kind.name, 4)
+        size = TYPE_SIZES.get(kind.name, 4)
         return size, size
     fields = structs.STRUCTS[kind.name].fields if hasattr(kind, "name") else kind.fields
     extents = [_extent(field.type) for field in fields]
@@ -205,7 +208,7 @@ def _extent(kind: object) -> tuple[int, int]:
 
 @cache
 def _example() -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = mujoco.MjModel.from_xml_string(PROBE)
+    model = mujoco.MjModel.from_xml_string(PROBE_MODEL)
     model.opt.timestep, model.opt.disableflags = 0.0123, 1
     data = mujoco.MjData(model)
     data.time = 1234.5
@@ -213,11 +216,11 @@ def _example() -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def _is_there(name: str, offset: int) -> bool:
-    """Whether a field of the example is where it should be."""
+    """Whether a field of the example is at an offset."""
     model, data = _example()
-    owner = data if name in DATA else model
+    owner = data if name in DATA_FIELDS else model
     place = owner._address + offset
-    value = getattr(model.opt if name in OPTIONS else owner, name)
+    value = getattr(model.opt if name in OPTION_FIELDS else owner, name)
     if isinstance(value, float):
         return ctypes.c_double.from_address(place).value == value
     if isinstance(value, int):

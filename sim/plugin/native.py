@@ -1,9 +1,10 @@
-"""Native: what the plugin does in a step, as C functions that MuJoCo calls without the interpreter.
+"""Native: the plugin's work in a step, as C functions that MuJoCo calls without the interpreter.
 
-All that a call needs of a model is a *context*, a record with addresses of tables that nothing
-changes afterwards. All that a call keeps of a state is its *home*, a record that belongs to one
-MjData. So any number of threads, states, copies and batches may use a context at once. What a user
-may change in a compiled model is read from the model at each call: mass, inertia, frames, timestep.
+All data that a call needs about a model are in a *context*, a record with addresses of tables that
+never change. All data that a call keeps about a state are in its *home*, a record that belongs to
+one MjData. So any number of threads, states, copies and batches may use a context at once. Masses,
+inertias, frames and the timestep, which a user may change in a compiled model, are read at each
+call.
 """
 
 from typing import NamedTuple
@@ -45,56 +46,64 @@ CONTEXT = record(
     release="i8", clock="i8", clock_number="i8", homes="i8", fields="i8", field_count="i8",
     layout=LAYOUT,
 )  # fmt: skip
-"""What a call needs of a model: its sizes (bodies, geoms, degrees of freedom, entries of M) and the
-number of hulls; the addresses of the record itself and of its block of tables (FLOAT, BODY, DOF,
-HULL, SURFACE, WAVE, WATER, PART, PICTURE); the functions that compute the hulls' wrenches, act in a
-step, add resistance, make and factorise M, and free memory; the C library's clock; the number of
-homes that use the context; the table of FIELD rows; MuJoCo's layout."""
+"""The data that a call needs about a model.
+
+bodies, geoms, freedoms, matrix: numbers of bodies, geoms, degrees of freedom and entries of M.
+hulls: number of hulls. own: address of this record. block, block_size: block of the tables FLOAT,
+BODY, DOF, HULL, SURFACE, WAVE, WATER, PART and PICTURE. push, act, resist: functions that compute
+the hulls' wrenches, do a step's work and add resistance (0 if there is none). make_inertia,
+factor_inertia, release: MuJoCo's functions that make M, factorise M and free memory. clock,
+clock_number: the C library's clock_gettime and its argument. homes: number of homes that use the
+context. fields, field_count: FIELD rows. layout: MuJoCo's layout."""
 
 HOME = record(
     context="i8", content="i8", memories="i8", refused="i8", calls="i8", nanoseconds="i8",
     data="i8", states="i8",
 )  # fmt: skip
-"""What belongs to one MjData: the address of its context, the content of the model that the context
-was made from, the number of rows of KEPT numbers behind this record, whether the model was refused
-at the last reset, the number of calls and the time [ns] that they took; and by which it is known,
-the addresses of the MjData and of the plugin's states in it. Those states are as many MEMORY rows,
-and the content behind them."""
+"""The data that belong to one MjData.
+
+context: address of its context. content: content number of the model that the context was made
+from. memories: number of rows of HOME_ROW_SIZE numbers that follow this record. refused: whether
+the model was refused at the last reset. calls, nanoseconds: number of calls and their time [ns].
+data, states: addresses of the MjData and of the plugin's states in it, which identify the home. The
+states are as many rows of MEMORY_SIZE numbers, followed by the content number."""
 
 CONTEXT_OF, CONTENT, MEMORIES, REFUSED, CALLS, NANOSECONDS, DATA, OWN_STATES = range(8)
-"""Numbers of HOME."""
+"""Indices of HOME's words."""
 
 SLAB, MOST_SLABS = 1024, 4096
-"""Homes of a slab, and slabs (see `homes`)."""
+"""Number of homes in a slab, and largest number of slabs (see `homes`)."""
 
-USERS = CONTEXT.fields["homes"][1]
-"""Where a context counts its homes."""
+HOMES_OFFSET = CONTEXT.fields["homes"][1]
+"""Offset [bytes] of the number of homes in a CONTEXT."""
 
 HOME_SIZE = HOME.itemsize
 
-MEMORY = 12
-"""Numbers that are remembered of a body's row of xfrc_applied: the 6 that were left there, and the
-6 of them that are the user's push."""
+MEMORY_SIZE = 12
+"""Numbers that are remembered about a body's row of xfrc_applied: the 6 that the plugin wrote
+there, and the 6 of the user's push in them."""
 
-EARLIER = 8
-"""Rows that a home remembers besides: those that stood beside states from another time. States that
-MuJoCo keeps of such a moment (INTEGRATION) bring both back."""
+EARLIER_ROWS = 8
+"""Earlier rows that a home also remembers per body: rows of xfrc_applied that were found together
+with plugin states from another time. An INTEGRATION state saved at such a moment restores both."""
 
-KEPT = MEMORY * (1 + EARLIER)
-"""Numbers of a home for each body that can move."""
+HOME_ROW_SIZE = MEMORY_SIZE * (1 + EARLIER_ROWS)
+"""Numbers that a home keeps per body that can move."""
 
 PART = record(kernel="i8", block="i8", block_size="i8", places="i8", count="i8", size="i8")
-"""Hulls of a method: its kernel, its block, and their places, with the size of one."""
+"""The hulls of a method: addresses of its kernel, its block and the array of the hulls' places (see
+`methods.Place`), with their count and the size [bytes] of one."""
 
 FLOAT = record(geom="i8", hull="i8", resisted="i8")
-"""A hull: its geom, its row among the wrenches, and its HULL, -1 where there is none. Those of a
-body follow one another."""
+"""A hull: its geom, its row among the wrenches, and its HULL row, -1 if it has no resistance. The
+rows of a body are contiguous."""
 
 BODY = record(
     body="i8", root="i8", memory="i8", first="i8", end="i8", first_dof="i8", end_dof="i8"
 )  # fmt: skip
-"""A body's row, that of the point to which its velocity refers, its MEMORY row, its FLOATs, and the
-degrees of freedom (DOF) that move it, in ascending order; these only where something resists."""
+"""A body: its id, the id of its tree's root, at whose centre of mass cvel is given, its memory row,
+the range of its FLOAT rows, and the range of its DOF rows: the degrees of freedom that move it, in
+ascending order, if it has resistance."""
 
 DOF = record(index="i8")
 
@@ -102,31 +111,36 @@ PICTURE = record(
     length="f8", init_geom="i8", triangle="i8", decoration="i8", most="i8", count="i8", geoms="i8",
     geom_size="i8", category="i8", emission="i8", specular="i8", shininess="i8", shadow="i8",
 )  # fmt: skip
-"""What drawing needs: the length [m] of the longest hull, 0 where nothing is to be drawn;
-mjv_initGeom, mjGEOM_TRIANGLE and mjCAT_DECOR; and offsets: in a scene, of its room, of the number
-of its geoms and of these; the size of a geom, and in it of what is set."""
+"""The data for drawing.
+
+length: length [m] of the longest hull, 0 to draw nothing. init_geom: address of mjv_initGeom.
+triangle, decoration: mjGEOM_TRIANGLE and mjCAT_DECOR. most, count, geoms: offsets in an mjvScene of
+its capacity, its number of geoms and the pointer to them. geom_size: bytes of an mjvGeom. category,
+emission, specular, shininess, shadow: offsets in an mjvGeom; shadow is 0 where there is none."""
 
 FIELD = record(pointer="i8", counter="i8", size="i8", optional="i8")
-"""An array of a model that hulls and waves are made from: the offset of its pointer and of the
-number of its rows, the size of a row, and whether it matters only where some numeric has a matrix's
-size. A counter of 0 stands for one row that lies in the model itself."""
+"""An array of a model that hulls and waves are made from: the offsets of its pointer and of its
+number of rows, the size of a row, and whether it matters only if some numeric has the size of a
+matrix. If `counter` is 0, the data are a single row in the mjModel itself."""
 
 SEAM = np.zeros(7, dtype=np.int64)
-"""Where MuJoCo keeps what belongs to plugins, as offsets: in a state the plugins' words, in a model
-the number of instances and, of each, the number of its plugin. Then the number of this plugin, the
-address of the slabs' addresses, and the Python functions that find a home which is not where it
-should be, and renew one."""
+"""Words that all calls need, at the indices below.
+
+WORDS: offset of plugin_data in an mjData. INSTANCES, SLOTS: offsets of the number of plugin
+instances and of their plugin numbers in an mjModel. SLOT: the number of this plugin. SLABS: address
+of the table of slabs. FIND, RENEW: Python functions that correct the word of an unpickled state and
+that give a home a new context."""
 
 WORDS, INSTANCES, SLOTS, SLOT, SLABS, FIND, RENEW = range(7)
 
 seam = named_word("waterline_seam", SEAM.ctypes.data)
 
 
-CONTACTS = 1 << 4
-"""mjDSBL_CONTACT, which MuJoCo's compiler sets for its own test step."""
+CONTACT_FLAG = 1 << 4
+"""mjDSBL_CONTACT, which MuJoCo's compiler sets during its own test step."""
 
-WHOLE = (1 << 52) - 1
-"""Bits of the whole numbers that doubles hold."""
+EXACT_MASK = (1 << 52) - 1
+"""Mask of the bits of an integer that a double holds exactly."""
 
 MATRIX_SIZES = (6, 36)
 """Sizes of numerics that may be added mass or damping, which depend on masses and frames."""
@@ -147,7 +161,7 @@ class Tables(NamedTuple):
 
 
 class State(NamedTuple):
-    """MuJoCo's frames of a state: the bodies' inertial ones, and those of the geoms."""
+    """Frames of a state: xipos and ximat of the bodies, geom_xpos and geom_xmat."""
 
     centres: Array
     axes: Array
@@ -199,7 +213,7 @@ def state_of(context, data):
 
 @inline
 def model_array(model, offset):
-    """Address of an array of a model or a state, whose pointer is at an offset."""
+    """The address of the array of a model or a state whose pointer is at an offset."""
     return word_at(model + offset)
 
 
@@ -210,19 +224,19 @@ def step_of(address, model, data):
     return Step(rows_at(address, 1, CONTEXT), tables, model, data, state)
 
 
-# What hulls and waves are made from
+# The content number: a hash of all data that hulls and waves are made from
 
 
 @inline
 def mixed(sum_, word):
-    """A sum of words with one more, so that each bit of it may change each bit of the sum."""
+    """Mix another word into a hash, so that each of its bits may change each bit of the hash."""
     sum_ = (sum_ ^ word) * 0x2545F4914F6CDD1D
     return sum_ ^ (sum_ >> 29)
 
 
 @kernel
 def mixed_bytes(start, count, sum_):
-    """The same with bytes at an address, in four sums that do not wait for one another."""
+    """Mix bytes at an address into a hash, in four independent sums for speed."""
     words = words_at(start, (count // 8,))
     a, b, c, d = sum_, sum_ + 1, sum_ + 2, sum_ + 3
     whole = words.size - words.size % 4
@@ -239,7 +253,7 @@ def mixed_bytes(start, count, sum_):
 
 @kernel
 def has_matrices(model, layout):
-    """Whether some numeric has the size of a matrix of added mass or damping."""
+    """Whether a numeric has the size of a matrix of added mass or damping."""
     count = integer_at(model + layout.nnumeric)
     sizes = integers_at(model_array(model, layout.numeric_size), (count,))
     for i in range(sizes.size):
@@ -250,11 +264,10 @@ def has_matrices(model, layout):
 
 @kernel
 def content_of(context, model):
-    """A number for all that hulls and waves are made from (FIELD rows) in a model, a whole one that
-    a double holds."""
+    """The content number of a model, a hash of its FIELD rows that a double holds exactly."""
     fields = rows_at(context.fields, context.field_count, FIELD)
     matrices = has_matrices(model, context.layout)
-    found = integer_at(model + context.layout.disableflags) & ~CONTACTS
+    found = integer_at(model + context.layout.disableflags) & ~CONTACT_FLAG
     for f in range(fields.size):
         field = fields[f]
         if field.optional != 0 and not matrices:
@@ -264,15 +277,15 @@ def content_of(context, model):
         else:
             size = field.size * integer_at(model + field.counter)
             found = mixed_bytes(model_array(model, field.pointer), size, found)
-    return found & WHOLE
+    return found & EXACT_MASK
 
 
-# What a context does
+# The work of a step
 
 
 @kernel
 def add_up(tables, state, wrenches, totals_out):
-    """Sum up the hulls' wrenches (H, 6) over their bodies (B, 6), about the centres of mass."""
+    """Sum the hulls' wrenches (H, 6) over each body, about its centre of mass: (B, 6)."""
     floats, bodies, centres, places = tables.floats, tables.bodies, state.centres, state.places
     for b in range(bodies.size):
         i = bodies[b].body
@@ -294,39 +307,43 @@ def add_up(tables, state, wrenches, totals_out):
 
 @inline
 def own_part(found, memory, state, j):
-    """The user's part of the number that is found in component j of a row: what is remembered of
-    it, where the number is one that was left there; else the number is a new push."""
+    """The user's push in the number found in component j of a row of xfrc_applied.
+
+    If the plugin wrote that number, the remembered push; otherwise the number is a new push.
+    """
     number = bits_of(found)
     if number == bits_of(memory[j]):
         return memory[6 + j]
     if number == bits_of(state[j]):
         return state[6 + j]
-    for k in range(1, 1 + EARLIER):
-        if number == bits_of(memory[MEMORY * k + j]):
-            return memory[MEMORY * k + 6 + j]
+    for k in range(1, 1 + EARLIER_ROWS):
+        if number == bits_of(memory[MEMORY_SIZE * k + j]):
+            return memory[MEMORY_SIZE * k + 6 + j]
     return found
 
 
 @kernel
 def keep_earlier(row, state, memory_out):
-    """Keep a row (6,) that is what was left there, beside a state (MEMORY,) that is not of the same
-    time: FULLPHYSICS has brought that alone."""
+    """Remember a row (6,) that the plugin wrote at another time than its state (MEMORY_SIZE,).
+
+    This happens after a FULLPHYSICS state was set, which contains the state but not the row.
+    """
     for j in range(6):
         is_left = bits_of(row[j]) == bits_of(memory_out[j])
         if is_left and bits_of(row[j]) != bits_of(state[j]):
-            for k in range(KEPT - 1, 2 * MEMORY - 1, -1):
-                memory_out[k] = memory_out[k - MEMORY]
-            for k in range(MEMORY):
-                memory_out[MEMORY + k] = memory_out[k]
+            for k in range(HOME_ROW_SIZE - 1, 2 * MEMORY_SIZE - 1, -1):
+                memory_out[k] = memory_out[k - MEMORY_SIZE]
+            for k in range(MEMORY_SIZE):
+                memory_out[MEMORY_SIZE + k] = memory_out[k]
             return
 
 
 @kernel
 def write_rows(context, data, bodies, totals, memories, states):
-    """Leave the user's pushes plus the water's wrenches (B, 6) in the bodies' rows of xfrc_applied.
+    """Write the user's pushes plus the water's wrenches (B, 6) into the rows of xfrc_applied.
 
-    Both are remembered twice, in the home and in the plugin's state, because MuJoCo's states hold
-    the latter: FULLPHYSICS without xfrc_applied, INTEGRATION with it.
+    The row and the push are remembered both in the home and in the plugin's state, because MuJoCo's
+    saved states contain the latter: FULLPHYSICS without xfrc_applied, INTEGRATION with it.
     """
     rows = floats_at(model_array(data, context.layout.xfrc_applied), (context.bodies, 6))
     for b in range(bodies.size):
@@ -339,13 +356,16 @@ def write_rows(context, data, bodies, totals, memories, states):
             states[m, j], states[m, 6 + j] = rows[i, j], own
 
 
-# What bodies meet besides the buoyancy of their hulls
+# Water loads besides buoyancy
 
 
 @kernel
 def twist_at(spatial, arm, rotation, twist_out):
-    """A motion (6,), angular, then linear at a point, in world axes, as that of a point at an arm
-    from there, linear, then angular, in the axes of a rotation (9,)."""
+    """Shift a motion by an arm (3,), rotate it and swap its halves.
+
+    spatial (6,): angular, then linear, in world axes. twist_out (6,): linear, then angular, in the
+    axes of a rotation (9,).
+    """
     wx, wy, wz = spatial[0], spatial[1], spatial[2]
     x, y, z = cross(wx, wy, wz, arm[0], arm[1], arm[2])
     x, y, z = spatial[3] + x, spatial[4] + y, spatial[5] + z
@@ -357,8 +377,8 @@ def twist_at(spatial, arm, rotation, twist_out):
 
 @kernel
 def add_turned(wrench, arm, rotation, total_out):
-    """Add a wrench (6,) in the axes of a rotation (9,), at an arm from the centre of mass, to one
-    about that, in world axes."""
+    """Add a wrench (6,) in the axes of a rotation (9,), at an arm from the centre of mass, to a
+    wrench about the centre of mass in world axes."""
     r = rotation
     fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(3):
@@ -382,7 +402,7 @@ def arm_from(point, place):
 
 @kernel
 def set_motion(step, body, pose, reaction_out):
-    """How a body's hull moves, for its REACTION."""
+    """Set the velocity and the bias acceleration of a hull in its REACTION, in the hull's frame."""
     context, data, dofs, r = step.contexts[0], step.data, step.tables.dofs, reaction_out[0]
     layout, n = context.layout, context.freedoms
     changes = floats_at(model_array(data, layout.cdof_dot), (n, 6))
@@ -400,8 +420,8 @@ def set_motion(step, body, pose, reaction_out):
 
 @inline
 def react(step, body, pose, number, reaction_out):
-    """What the HULL of a number, at a pose, meets besides its buoyancy: its REACTION in its own
-    frame. Returns the rate [1/s] at which it takes angular momentum."""
+    """Compute the REACTION of the HULL with a number, in its own frame: all water loads besides
+    buoyancy. Returns the rate [1/s] at which the hull loses angular momentum."""
     layout, tables = step.contexts[0].layout, step.tables
     timestep = float_at(step.model + layout.timestep)
     flow = Flow(tables.waves, tables.water, float_at(step.data + layout.time))
@@ -413,8 +433,8 @@ def react(step, body, pose, number, reaction_out):
 
 @kernel
 def decay_spin(step, body, axes, decay, reaction_out):
-    """The decay of a body's angular momentum at a rate [1/s], as a REACTION in its inertial frame,
-    with such axes (9,)."""
+    """Set the REACTION, in a body's inertial frame with axes (9,), to the decay of its spin at a
+    rate [1/s]."""
     layout, count, r = step.contexts[0].layout, step.contexts[0].bodies, reaction_out[0]
     inertia = floats_at(model_array(step.model, layout.body_inertia), (count, 3))
     spins = floats_at(model_array(step.data, layout.cvel), (count, 6))
@@ -429,13 +449,14 @@ def decay_spin(step, body, axes, decay, reaction_out):
 
 @kernel
 def add_inertia(step, body, pose, matrix):
-    """Add J^T matrix J to MuJoCo's matrix of inertia: matrix (6, 6), its lower triangle, in the
-    frame of a pose, of a body.
+    """Add J^T matrix J to MuJoCo's inertia matrix M.
 
-    A body alone on a joint along its principal axes has a diagonal there and no place for more.
-    What is off the diagonal goes into that, in amounts that leave the sum above the matrix: so
-    damping holds at any timestep as the whole matrix does. (Added mass has nothing there: see
-    `mjcf`.)
+    matrix (6, 6), of which the lower triangle is read, acts on a body in the frame of a pose. J
+    maps the body's degrees of freedom to that frame.
+
+    For a lone body whose joint axes are its principal axes, M stores only a diagonal. Off-diagonal
+    entries are then replaced by additions to the diagonal that bound the full matrix from above, so
+    damping stays stable at any timestep. (Added mass has no such entries then: see `mjcf`.)
     """
     context, model, data, dofs = step.contexts[0], step.model, step.data, step.tables.dofs
     layout, n = context.layout, context.freedoms
@@ -447,7 +468,7 @@ def add_inertia(step, body, pose, matrix):
     starts = integers_at(model_array(model, layout.M_rowadr), (n,))
     entries = floats_at(model_array(data, layout.M), (context.matrix,))
     columns, products = np.empty((size, 6)), np.zeros((size, 6))
-    last = np.empty(size, np.int64)  # places of the diagonal
+    last = np.empty(size, np.int64)  # indices of the diagonal
     for a in range(size):
         row = dofs[first + a].index
         last[a] = starts[row] + lengths[row] - 1
@@ -476,7 +497,7 @@ def add_inertia(step, body, pose, matrix):
 @kernel
 def add_reaction(step, body, pose, centre, reaction, only_drag, total_out):
     """Add a REACTION in the frame of a pose to a body's wrench about its centre of mass (3,) and to
-    the matrix of inertia; only its drag to the wrench alone."""
+    MuJoCo's inertia matrix. only_drag: add only its drag, and only to the wrench."""
     r, arm = reaction[0], arm_from(centre, pose.position)
     add_turned(r.drag[:], arm, pose.rotation, total_out)
     if not only_drag:
@@ -536,15 +557,15 @@ def push_at(address, model, data, wrenches):
 
 @c_function
 def count_at(context, change):
-    """Count homes of a context, while other threads end some."""
-    atomic_add(context + USERS, change)
+    """Change the number of homes of a context; other threads may do so at the same time."""
+    atomic_add(context + HOMES_OFFSET, change)
 
 
 @kernel
 def end_home(home, place):
-    """The end of a home, whose address stands at a place."""
+    """Free a home, whose address is stored at `place`."""
     context = context_at(word_at(home))
-    atomic_add(context.own + USERS, -1)
+    atomic_add(context.own + HOMES_OFFSET, -1)
     store_word(place, 0)
     call(context.release, (home,))
 
@@ -561,7 +582,7 @@ def content_at(context, model):
 
 @c_function
 def act_at(home, model, data, states):
-    """All that the plugin does in a step of the state that has this home."""
+    """Do the plugin's work in a step of the state that has this home."""
     context, kept = context_at(word_at(home)), words_at(home, (HOME_SIZE // 8,))
     started = nanoseconds(context.clock, context.clock_number)
     tables = tables_of(context)
@@ -572,9 +593,9 @@ def act_at(home, model, data, states):
         to = totals.ctypes.data
         call(context.resist, (context.own, model, data, wrenches.ctypes.data, to, 0))
     if kept[REFUSED] != 0:
-        totals[:] = np.nan  # MuJoCo gives up such a state
-    memories = floats_at(home + HOME_SIZE, (kept[MEMORIES], KEPT))
-    before = floats_at(states, (kept[MEMORIES], MEMORY))
+        totals[:] = np.nan  # MuJoCo warns of such a state and resets it
+    memories = floats_at(home + HOME_SIZE, (kept[MEMORIES], HOME_ROW_SIZE))
+    before = floats_at(states, (kept[MEMORIES], MEMORY_SIZE))
     write_rows(context, data, tables.bodies, totals, memories, before)
     kept[CALLS] += 1
     kept[NANOSECONDS] += nanoseconds(context.clock, context.clock_number) - started
@@ -585,7 +606,7 @@ def act_at(home, model, data, states):
 
 @inline
 def lower_half(word):
-    """C's integer of 4 bytes that comes in a register of 8, of which the others say nothing."""
+    """The C int in a 64-bit register, whose upper half is undefined."""
     return word & 0xFFFFFFFF
 
 
@@ -596,13 +617,13 @@ def seam_at(number):
 
 @inline
 def word_of(data, instance):
-    """The address of the plugin's word in a state."""
+    """The address of the plugin's word in a state: the number of its home."""
     return model_array(data, seam_at(WORDS)) + 8 * lower_half(instance)
 
 
 @kernel
 def place_of(number):
-    """The place in the slabs of the home of a number, 0 where there is none."""
+    """The address in the slabs at which the home with a number is stored; 0 if there is none."""
     slab, place = (number - 1) // SLAB, (number - 1) % SLAB
     if number < 1 or slab >= MOST_SLABS:
         return 0
@@ -612,7 +633,7 @@ def place_of(number):
 
 @kernel
 def known_home(number, owner, field):
-    """The home of a number if a field of it, DATA or OWN_STATES, is its owner's; else 0."""
+    """The home with a number if its field, DATA or OWN_STATES, is the owner's address; else 0."""
     place = place_of(number)
     home = word_at(place) if place != 0 else 0
     if home != 0 and word_at(home + 8 * field) != owner:
@@ -622,7 +643,7 @@ def known_home(number, owner, field):
 
 @kernel
 def home_of(model, data, instance):
-    """The home of a state, 0 where it has none. What a pickle has brought is put right first."""
+    """The home of a state, 0 if it has none. FIND first repairs the word of an unpickled state."""
     word = word_of(data, instance)
     if word_at(word) == 0:
         return 0
@@ -635,7 +656,7 @@ def home_of(model, data, instance):
 
 @kernel
 def water_instance(model):
-    """The instance of this plugin that acts in a model, -1 where there is none."""
+    """The first instance of this plugin in a model, -1 if there is none."""
     count = integer_at(model + seam_at(INSTANCES))
     slots = integers_at(model_array(model, seam_at(SLOTS)), (count,))
     for i in range(slots.size):
@@ -646,15 +667,14 @@ def water_instance(model):
 
 @inline
 def content_number(home):
-    """Where the plugin's states hold the content of the model that they were reset with."""
+    """The content number of the model at the last reset, as the plugin's states hold it: (1,)."""
     kept = words_at(home, (HOME_SIZE // 8,))
-    return floats_at(kept[OWN_STATES] + 8 * MEMORY * kept[MEMORIES], (1,))
+    return floats_at(kept[OWN_STATES] + 8 * MEMORY_SIZE * kept[MEMORIES], (1,))
 
 
 @kernel
 def follow(home, model):
-    """Have the interpreter give a home the context of a model that hulls and waves are not made
-    from any more."""
+    """If a model's content has changed, have the interpreter give the home a matching context."""
     kept, context = words_at(home, (HOME_SIZE // 8,)), context_at(word_at(home))
     if kept[REFUSED] != 0 or content_of(context, model) != kept[CONTENT]:
         call(seam_at(RENEW), (model, kept[OWN_STATES]))
@@ -662,9 +682,11 @@ def follow(home, model):
 
 @kernel
 def follow_world(home, model):
-    """The same where the states were reset with another content than the home was: in a batch an
-    MjData serves many worlds, which may have hulls and waves of their own. States from before a
-    change of the model are in the water of today."""
+    """Follow the model of states that were reset with another content than the home's.
+
+    In a batch an MjData serves many worlds, which may have different hulls and waves. States from
+    before a change of the model get the present water.
+    """
     wanted = content_number(home)
     if content_of(context_at(word_at(home)), model) == wanted[0]:
         follow(home, model)
@@ -673,7 +695,7 @@ def follow_world(home, model):
 
 @c_function
 def compute_at(model, data, instance, capability):
-    """Once a step, in the passive stage, and in mj_step1, mj_forward and mj_inverse."""
+    """Do the plugin's work in the passive stage of a step, of mj_forward and of mj_inverse."""
     home = home_of(model, data, instance)
     if home != 0:
         kept = words_at(home, (HOME_SIZE // 8,))
@@ -684,8 +706,7 @@ def compute_at(model, data, instance, capability):
 
 @c_function
 def reset_at(model, states, number, instance):
-    """Forget all pushes. A model that hulls and waves are not made from any more gets a new
-    context, by the interpreter."""
+    """Forget all pushes, and get a new context if the model's content has changed."""
     if number == 0:
         return
     home = known_home(number, states, OWN_STATES)
@@ -693,28 +714,28 @@ def reset_at(model, states, number, instance):
         call(seam_at(RENEW), (model, states))
         return
     kept = words_at(home, (HOME_SIZE // 8,))
-    floats_at(home + HOME_SIZE, (kept[MEMORIES] * KEPT,))[:] = 0.0
-    floats_at(states, (kept[MEMORIES] * MEMORY,))[:] = 0.0
+    floats_at(home + HOME_SIZE, (kept[MEMORIES] * HOME_ROW_SIZE,))[:] = 0.0
+    floats_at(states, (kept[MEMORIES] * MEMORY_SIZE,))[:] = 0.0
     follow(home, model)
     content_number(home)[0] = kept[CONTENT]
 
 
 @c_function
 def copy_at(to, model, data, instance):
-    """What is remembered of the rows of xfrc_applied goes with them."""
+    """Copy the memory of the rows of xfrc_applied along with a state."""
     source, target = home_of(model, data, instance), home_of(model, to, instance)
     if source != 0 and target != 0:
         count = words_at(source, (HOME_SIZE // 8,))[MEMORIES]
         if words_at(target, (HOME_SIZE // 8,))[MEMORIES] == count:
-            remembered = floats_at(source + HOME_SIZE, (count * KEPT,))
-            copied = floats_at(target + HOME_SIZE, (count * KEPT,))
+            remembered = floats_at(source + HOME_SIZE, (count * HOME_ROW_SIZE,))
+            copied = floats_at(target + HOME_SIZE, (count * HOME_ROW_SIZE,))
             for i in range(copied.size):
                 copied[i] = remembered[i]
 
 
 @c_function
 def destroy_at(data, instance):
-    """The end of a state."""
+    """Free the home of a state that MuJoCo deletes."""
     word = word_of(data, instance)
     home = known_home(word_at(word), data, DATA)
     if home != 0:

@@ -1,8 +1,8 @@
-"""Picture: the sea in MuJoCo's own pictures, as triangles that MuJoCo draws with everything else.
+"""Picture: the sea in the pictures that MuJoCo renders, as triangles among its geoms.
 
-Around the bodies the surface is a grid of cells; from its rim a flat border reaches outwards. Each
-triangle is a geom whose matrix holds two of its sides, so neighbours share their corners and no
-edge is seen.
+Around the bodies the surface is a grid of cells. A flat border extends outwards from the grid. Each
+triangle is a geom whose matrix holds two of its sides, so neighbours share their corners exactly
+and no edge is visible.
 """
 
 import numpy as np
@@ -22,28 +22,29 @@ from sim.plugin.native import context_at, home_of, model_array, tables_of
 from sim.water.gerstner import level_and_rise, solve_heights
 
 MOST_CELLS = 56
-"""Cells along a side of the grid."""
+"""Largest number of cells along a side of the grid."""
 
-REACH = 3.0
-"""The grid reaches so many lengths of the longest hull beyond the outermost body."""
+GRID_REACH_LENGTHS = 3.0
+"""Distance from the outermost body to the edge of the grid, in lengths of the longest hull."""
 
-BORDER = 12.0
-"""The flat border reaches so many times as far as the grid."""
+BORDER_TO_GRID = 12.0
+"""Half the width of the flat border over half the width of the grid."""
 
 ROOM_SHARE = 0.75
-"""Share of a scene's room for geoms that the sea may take; the model's own come later."""
+"""Share of a scene's geoms that the sea may use; MuJoCo adds more geoms of the model later."""
 
 COLOUR = (0.08, 0.32, 0.5, 0.6)
-"""Red, green, blue and opacity."""
+"""Red, green, blue and opacity of the sea, 0 to 1."""
 
 SPECULAR, SHININESS, EMISSION = 0.4, 0.6, 0.3
-"""What a surface gives back of a light as a highlight, how sharp that is, and what glows by itself:
-a flat facet with a strong highlight would be seen as such."""
+"""Strength and sharpness of highlights, and share of the colour that shows without light, 0 to 1. A
+stronger highlight would make the flat facets visible."""
 
 
 @kernel
 def extent(context, data, bodies):
-    """The middle of all bodies, x and y, and how far [m] they are from it at most."""
+    """The mean x and y [m] of all floating bodies, and the largest distance [m] of a body from
+    there."""
     centres = floats_at(model_array(data, context.layout.xipos), (context.bodies, 3))
     x, y, reach = 0.0, 0.0, 0.0
     for b in range(bodies.size):
@@ -57,12 +58,15 @@ def extent(context, data, bodies):
 
 @kernel
 def grid(context, data, cells, border, corners_out):
-    """Corners (cells + 3, cells + 3, 3) [m] of the grid, and around it those of the border. The
-    middle moves by whole cells, so that the triangles stand still."""
+    """Corners (cells + 3, cells + 3, 3) [m] of the grid; the outermost ones belong to the border.
+
+    The grid follows the bodies in steps of a whole cell, so its corners do not slide over the
+    water.
+    """
     tables, time = tables_of(context), float_at(data + context.layout.time)
     waves, water = tables.waves, tables.water
     x, y, reach = extent(context, data, tables.bodies)
-    half = reach + REACH * tables.picture[0].length
+    half = reach + GRID_REACH_LENGTHS * tables.picture[0].length
     step = 2.0 * half / cells
     x, y = step * np.round(x / step), step * np.round(y / step)
     side = cells + 3
@@ -85,14 +89,14 @@ def grid(context, data, cells, border, corners_out):
 
 @kernel
 def draw_triangle(picture, geom, a, b, c, work):
-    """Make a mjvGeom, at an address, a triangle of three corners (3,) [m]."""
+    """Turn the mjvGeom at an address into a triangle with three corners (3,) [m]."""
     for i in range(3):
         work[i], work[3 + i] = 1.0, a[i]
         work[6 + 3 * i], work[7 + 3 * i] = b[i] - a[i], c[i] - a[i]
     x = work[9] * work[13] - work[12] * work[10]
     y = work[12] * work[7] - work[6] * work[13]
     z = work[6] * work[10] - work[9] * work[7]
-    length = max(np.sqrt(x * x + y * y + z * z), 1e-12)  # at the border's corners it is 0
+    length = max(np.sqrt(x * x + y * y + z * z), 1e-12)  # some border triangles have no area
     work[8], work[11], work[14] = x / length, y / length, z / length
     start = work.ctypes.data
     call(picture.init_geom, (geom, picture.triangle, start, start + 24, start + 48, start + 120))
@@ -106,7 +110,7 @@ def draw_triangle(picture, geom, a, b, c, work):
 
 @c_function
 def draw_at(model, data, option, scene, instance):
-    """Add the sea to a scene that MuJoCo is about to draw, as finely as there is room."""
+    """Add the sea to a scene that MuJoCo is about to draw, as finely as its capacity allows."""
     home = home_of(model, data, instance)
     if home == 0:
         return
@@ -120,7 +124,7 @@ def draw_at(model, data, option, scene, instance):
     corners, work = np.empty((cells + 3, cells + 3, 3)), np.empty(17)
     colour = work[15:].view(np.float32)
     colour[0], colour[1], colour[2], colour[3] = COLOUR
-    grid(context, data, cells, BORDER, corners)
+    grid(context, data, cells, BORDER_TO_GRID, corners)
     geom = word_at(scene + picture.geoms) + count * picture.geom_size
     for i in range(cells + 2):
         for j in range(cells + 2):

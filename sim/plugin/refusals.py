@@ -28,7 +28,7 @@ class _ThreadState(local):
 
     is_reading = False
     is_compiling = False
-    refusal: Exception | None = None
+    refusal: BaseException | None = None
     takes_refusal = False
 
 

@@ -11,7 +11,6 @@ import atexit
 import copy
 import ctypes
 import sys
-from _thread import interrupt_main
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
@@ -31,7 +30,7 @@ from sim.mjcf.notes import notes_about, notes_about_places
 from sim.mjcf.reading import read_model
 from sim.plugin import native
 from sim.plugin.context import Context, Contexts
-from sim.plugin.gauge import GAUGED, gauge_at
+from sim.plugin.gauge import GAUGE_SIZE, gauge_at
 from sim.plugin.homes import Homes
 from sim.plugin.layout import declared, offsets, take_over
 from sim.plugin.memory import (
@@ -113,17 +112,17 @@ def counted(data: mujoco.MjData, number: int) -> int:
 
 
 def memories_of(model: mujoco.MjModel, data: mujoco.MjData) -> list[Array]:
-    """MEMORY rows (N, 12) of all bodies that can move, as a state remembers them, the ones that
+    """Memory rows (N, 12) of all bodies that can move, as a state remembers them, the ones that
     count most first."""
     instance = model.plugin.tolist().index(_slot(NAME))
     start = int(model.plugin_stateadr[instance])
     states = data.plugin_state[start : start + int(model.plugin_statenum[instance]) - 1]
-    states = np.reshape(states, (-1, native.MEMORY))
+    states = np.reshape(states, (-1, native.MEMORY_SIZE))
     home = homes.home(data._address, homes.recover(data._address))
     if not home:
         return [states]
-    kept = floats_at(home + native.HOME_SIZE, (len(states), native.KEPT)).copy()
-    latest, *earlier = np.split(kept, 1 + native.EARLIER, axis=1)
+    kept = floats_at(home + native.HOME_SIZE, (len(states), native.HOME_ROW_SIZE)).copy()
+    latest, *earlier = np.split(kept, 1 + native.EARLIER_ROWS, axis=1)
     return [latest, states, *earlier]
 
 
@@ -210,10 +209,10 @@ def _tell() -> None:
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, INTEGER)
 def _nstate(model: int, instance: int) -> int:
-    """The length of the plugin's state: a MEMORY row for each body that can move, and the content.
+    """The length of the plugin's state: a memory row for each body that can move, and the content.
     MuJoCo asks before it has filled the tuples, so nobody knows yet which bodies float."""
     thread.is_compiling = True
-    return native.MEMORY * _movable_bodies(model) + 1 if _acts(model, instance) else 0
+    return native.MEMORY_SIZE * _movable_bodies(model) + 1 if _acts(model, instance) else 0
 
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, WORD, INTEGER)
@@ -235,9 +234,10 @@ def _init(model: int, data: int, instance: int) -> int:
             states = word_at(data + declared("plugin_state"))
             states += 8 * integers_at(starts, instance + 1)[instance]
             word.value = homes.add(data, states, context, content, _movable_bodies(model))
-    except KeyboardInterrupt:
-        interrupt_main()
-        return refused(ModelError(["interrupted"]))
+    except KeyboardInterrupt as interrupt:  # cannot pass through MuJoCo, so it is raised behind it
+        refused(ModelError(["interrupted"]))
+        thread.refusal = interrupt
+        return -1
     except Exception as error:
         return refused(error)
     return 0
@@ -279,7 +279,7 @@ def _no_state(model: int, instance: int) -> int:
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, INTEGER, INTEGER)
 def _gauged(model: int, instance: int, sensor: int) -> int:
-    return GAUGED
+    return GAUGE_SIZE
 
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, WORD, INTEGER)

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry import rotation_matrix
+from sim.geometry import area_vectors, rotation_matrix
+from sim.hulls.topology import edges_of
 from sim.mjcf.floats import FloatingGeom
 from sim.recording.waterline_curves import faces_across
 from sim.runs.simulation import Sample
@@ -93,7 +94,7 @@ class DisplayMeshes:
 
     def placed(self, sample: Sample) -> Array:
         """Vertices (V, 3) [m] of all of them in world axes."""
-        rotations = [rotation_matrix(q) for q in sample.quaternions]
+        rotations = rotation_matrix(sample.quaternions)
         points = np.empty((self.vertex_count, 3))
         for mesh, vertices, b in zip(self._meshes, self._in_body, self._bodies, strict=True):
             points[mesh.vertices] = vertices @ rotations[b].T + sample.positions[b]
@@ -105,8 +106,7 @@ def _display_mesh(
 ) -> tuple[DisplayMesh, Array, Indices]:
     """The drawn surface of a hull whose vertices begin at `first`, and its refined surface."""
     hull = geom.method.hull
-    sides = np.ptp(hull.bounds, axis=0)
-    edge = float(sides.max()) / EDGES_IN_A_HULL
+    edge = hull.length / EDGES_IN_A_HULL
     vertices, faces = refined(hull.vertices, hull.faces, edge)
     corner_vertices, corner_faces, normals = shaded_corners(vertices, faces)
     mesh = DisplayMesh(
@@ -114,7 +114,7 @@ def _display_mesh(
         geom=geom.geom,
         body=geom.body,
         rgba=255.0 * with_hue_turned(buoyancy.model.geom(geom.geom).rgba, hue),
-        size=float(np.linalg.norm(sides)),
+        size=float(np.linalg.norm(np.ptp(hull.bounds, axis=0))),
         edge=edge,
         vertices=slice(first, first + len(vertices)),
         corners=vertices[corner_vertices],
@@ -141,12 +141,10 @@ def shaded_corners(vertices: Array, faces: Indices) -> tuple[Indices, Indices, A
     A vertex has one corner, with the mean normal of its faces by their area; but one for each of
     its faces, with that face's own, if any of them is too steep to the mean (SHARP_EDGE).
     """
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    area_vectors = np.cross(b - a, c - a)
-    smooth = np.zeros_like(vertices)
+    flat, smooth = area_vectors(vertices[faces]), np.zeros_like(vertices)
     for corner in range(3):
-        np.add.at(smooth, faces[:, corner], area_vectors)
-    smooth, flat = _unit(smooth)[faces], np.repeat(_unit(area_vectors)[:, None], 3, axis=1)
+        np.add.at(smooth, faces[:, corner], flat)
+    smooth, flat = _unit(smooth)[faces], np.repeat(_unit(flat)[:, None], 3, axis=1)
     too_steep = faces[np.einsum("fci,fci->fc", smooth, flat) < SHARP_EDGE]
     is_sharp = np.isin(faces, too_steep)
     owner = np.where(is_sharp, np.arange(len(faces))[:, None], -1)
@@ -170,9 +168,8 @@ def refined(vertices: Array, faces: Indices, longest: float) -> tuple[Array, Ind
     surface stays closed and no triangle gets thinner than it must (Rivara 1984).
     """
     while True:
-        ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1), axis=-1)
-        edges, of_face = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
-        of_face = of_face.reshape(-1, 3)
+        found = edges_of(faces)
+        edges, of_face = found.vertices, found.of_side.reshape(3, -1).T
         lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
         # Ranks instead of lengths: of two edges that are equally long one must come first.
         rank = np.argsort(np.argsort(lengths, kind="stable"), kind="stable")

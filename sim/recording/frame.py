@@ -97,25 +97,26 @@ class Artist:
         highest = max(min(sea.amplitude, 0.5 * sea.significant_height), 1e-9)
         heights = (particles[:, 2] - sea.level_at(sample.time)) / (2.0 * highest)
         points = meshes.placed(sample)
-        depths = heads(sea, points, sample.time)
+        if self.largest_head is None:
+            depths = heads(sea, points, sample.time)
+        else:  # the colours need the pressure of deep points too
+            depths = sea.head(*points.T, sample.time)
         curves = waterlines(sea, sample.time, points, meshes.faces, meshes.across, depths)
         return Frame(
             sample=sample,
             particles=particles.astype(np.float32),
             heights=shades(heights),
             curves=[curve.astype(np.float32) for curve in thinned(curves, MOST_WATERLINE_POINTS)],
-            wetness=self._shades(points, depths, sample.time) if self.is_shaded else None,
+            wetness=self._shades(depths) if self.is_shaded else None,
             trail=self._trails(sample),
         )
 
-    def _shades(self, points: Array, depths: Array, time: float) -> NDArray[np.uint8]:
+    def _shades(self, depths: Array) -> NDArray[np.uint8]:
         """How dark each vertex is: wet or not, or by the pressure head there."""
         if self.largest_head is None:
             return shades(depths * self._wetness_per_metre)
-        shares = np.full(len(points), -1.0)
-        wet = depths > 0.0
-        shares[wet] = 2.0 * self._sea.head(*points[wet].T, time) / self.largest_head - 1.0
-        return np.where(wet, np.maximum(shades(shares), 1), 0).astype(np.uint8)
+        by_head = np.maximum(shades(2.0 * depths / self.largest_head - 1.0), 1)
+        return np.where(depths > 0.0, by_head, 0).astype(np.uint8)
 
     def forget(self) -> None:
         """Draw the next sample as the first."""

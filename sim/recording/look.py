@@ -130,7 +130,7 @@ HEAD_PALETTE[0] = palette(DRY_COLOUR, DRY_COLOUR)[0]
 
 def apparent_size(hull: Hull) -> float:
     """How large [m] a hull is to the eye: its longest side, or, of a slender one, less."""
-    return float(min(np.ptp(hull.bounds, axis=0).max(), SLENDER * np.cbrt(hull.volume)))
+    return float(min(hull.length, SLENDER * np.cbrt(hull.volume)))
 
 
 def extent(scene: Scene, in_hulls: float, in_spreads: float) -> float:
@@ -150,7 +150,7 @@ def overview(scene: Scene, tally: Tally, largest_head: float | None = None) -> s
     ]
     for f in floats[:MOST_PLOTTED]:
         hull, method = f.method.hull, type(f.method).__name__.lower()
-        if f.method.takes_tolerance:
+        if f.method.tolerance is not None:
             method += f" to {f.method.tolerance:.2g} m of water height"
         lines.append(f"- {f.name}: {len(hull.faces):,} faces, {hull.volume:.4g} m³, {method}")
     if len(floats) > MOST_PLOTTED:

@@ -20,8 +20,7 @@ on the timelines `time` (simulated seconds) and `frame`.
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import monotonic, perf_counter
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import rerun as rr
@@ -47,10 +46,12 @@ from sim.recording.look import (
     palette,
     rounded,
 )
-from sim.recording.output import VIEWER_PORT, Output, Send, Sink, part
-from sim.runs.motions import Motions
+from sim.recording.output import VIEWER_PORT, Output, part
+from sim.runs.motions import motion
 from sim.runs.simulation import Sample, Tally, observe
 from sim.scenes.scene import Scene
+
+Send = Callable[[str, rr.ComponentColumnList], None]
 
 ARROW_IN_HULLS, WIDEST_ARROW = 0.55, 1.6
 """Length of the weight's arrow in diagonals of the body's largest hull, and of these in cube roots
@@ -67,23 +68,24 @@ more than that and a frame, and somebody who looks on sees it move."""
 class SceneWriter:
     """Writes the samples of one scene to an output, a second of them at once.
 
-    artist: what they look like; rate: frames a simulated second [Hz] at most, None for one a
-    sample; longest_wait: seconds, by its clock, that a frame may wait for others. frames: how many
-    there are by now.
+    artist: what they look like; root: the entity that all others stand below, as "/linear", or "";
+    rate: frames a simulated second [Hz] at most, None for one a sample; longest_wait: seconds, by
+    its clock, that a frame may wait for others. frames: the number of frames so far.
     """
 
     def __init__(
         self,
         scene: Scene,
-        output: Sink,
+        output: Output,
         artist: Artist,
+        root: str = "",
         rate: float | None = None,
         longest_wait: float = LONGEST_WAIT,
         clock: Callable[[], float] = monotonic,
     ) -> None:
         self.scene, self.frames = scene, 0
         self._clock = clock
-        self._output, self._artist = output, artist
+        self._output, self._artist, self._root = output, artist, root
         self._period, self._longest_wait = 0.0 if rate is None else 1.0 / rate, longest_wait
         self._due: float | None = None
         self._waiting: list[Frame] = []
@@ -91,7 +93,7 @@ class SceneWriter:
         names = scene.buoyancy.body_names
         self._plotted, self._others = names[:MOST_PLOTTED], names[MOST_PLOTTED:]
         self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
-        self._motions = Motions(scene)
+        self._rest_heights = scene.rest_heights
         self._start = scene.data.xpos[scene.buoyancy.bodies, 0].copy()
         self._palettes = [
             palette(mesh.rgba[:3], mesh.rgba[:3] + WET_SHARE * (WET_TINT - mesh.rgba[:3]))
@@ -113,8 +115,8 @@ class SceneWriter:
         if sample.time < self._due - 1e-9:
             return
         self._due += self._period
-        self.frames += 1
         self._waiting.append(self._artist.frame(sample))
+        self.frames += 1
         first = self._waiting[0].sample
         late = self._clock() - self._sent_at > self._longest_wait
         if late or sample.time - first.time >= BATCH_SECONDS:
@@ -128,7 +130,7 @@ class SceneWriter:
 
     def _log_static(self) -> None:
         """All that stays as it is over the run."""
-        self._output.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._output.log(self._root or "/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log_static_surfaces()
         self._log_static_lines()
         self._log_overview()
@@ -141,7 +143,7 @@ class SceneWriter:
                 if self._artist.is_shaded
                 else mesh.rgba
             )
-            self._output.log(
+            self._log(
                 self._entity(mesh),
                 rr.Transform3D(translation=geom.pos, quaternion=np.roll(geom.quat, -1)),
                 rr.Mesh3D(
@@ -150,17 +152,16 @@ class SceneWriter:
                     vertex_normals=mesh.corner_normals,
                     albedo_factor=rounded(albedo),
                 ),
-                static=True,
             )
         water = rr.Mesh3D.from_fields(
             triangle_indices=self._artist.water_faces,
             albedo_factor=(255, 255, 255, WATER_OPACITY),
         )
-        self._output.log("world/water", water, static=True)
+        self._log("world/water", water)
 
     def _log_static_lines(self) -> None:
         """Colours and widths of all lines; a body's weight is as long as ARROW_IN_HULLS says."""
-        output, meshes = self._output, self._artist.meshes.of_bodies()
+        meshes = self._artist.meshes.of_bodies()
         sizes = np.array([mesh.size for mesh in meshes])
         density = self.scene.buoyancy.sea.density
         displaced = self._weights / (density * -self.scene.model.opt.gravity[2])
@@ -169,27 +170,27 @@ class SceneWriter:
         weight = self._weights[:, None] * [0.0, 0.0, -1.0]
         for name, colour in FORCE_COLOURS.items():
             arrows = rr.Arrows3D.from_fields(colors=[colour], radii=0.014 * sizes)
-            output.log(f"world/forces/{name}", arrows, static=True)
+            self._log(f"world/forces/{name}", arrows)
         weight = rr.Arrows3D.from_fields(vectors=self._metres_per_newton * weight)
-        output.log("world/forces/weight", weight, static=True)
+        self._log("world/forces/weight", weight)
         waterline = rr.LineStrips3D.from_fields(
             colors=[WATERLINE_COLOUR], radii=0.009 * min(mesh.size for mesh in self._artist.meshes)
         )
-        output.log("world/waterline", waterline, static=True)
+        self._log("world/waterline", waterline)
         trail = rr.LineStrips3D.from_fields(
             colors=[rounded(mesh.rgba[:3]) for mesh in meshes],
             radii=0.006 * sizes,
         )
-        output.log("world/trail", trail, static=True)
+        self._log("world/trail", trail)
         for quantity, path in SERIES.items():
             for name, mesh in zip(self._plotted, meshes, strict=False):
                 colour, label, width = mesh.rgba[:3], name, 2.0
                 if quantity in WATERS:
                     colour, label, width = WATER_SERIES_COLOUR, f"water at {name}", 1.0
                 line = rr.SeriesLines(names=label, colors=[rounded(colour)], widths=[width])
-                output.log(path.format(part(name)), line, static=True)
+                self._log(path.format(part(name)), line)
             if self._others:
-                output.log(OTHER_SERIES[quantity], rr.SeriesLines(names=self._others), static=True)
+                self._log(OTHER_SERIES[quantity], rr.SeriesLines(names=self._others))
 
     def _entity(self, mesh: DisplayMesh) -> str:
         buoyancy = self.scene.buoyancy
@@ -199,7 +200,10 @@ class SceneWriter:
     def _log_overview(self) -> None:
         text = overview(self.scene, self._tally, self._artist.largest_head)
         document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
-        self._output.log("overview", document, static=True)
+        self._log("overview", document)
+
+    def _log(self, entity: str, *what: Any) -> None:
+        self._output.log(f"{self._root}/{entity}", *what, static=True)
 
     def _send(self) -> None:
         """Send the frames that are waiting, every entity's in one call."""
@@ -214,7 +218,8 @@ class SceneWriter:
         ]
 
         def send(entity: str, columns: rr.ComponentColumnList) -> None:
-            self._output.send_columns(entity, indexes=indexes, columns=columns)
+            path = f"{self._root}/{entity}"
+            self._output.send_columns(path, indexes=indexes, columns=columns)
 
         self._send_poses(samples, send)
         self._send_surfaces(frames, send)
@@ -270,7 +275,8 @@ class SceneWriter:
         send("world/forces/weight", rr.Arrows3D.columns(origins=origins).partition(sizes))
 
     def _send_series(self, samples: list[Sample], send: Send) -> None:
-        motions = [self._motions.of(s) for s in samples]
+        sea = self.scene.buoyancy.sea
+        motions = [motion(s, sea, self._rest_heights) for s in samples]
         values = {
             "heave": [m.heave for m in motions],
             "water_above_level": [m.water for m in motions],
@@ -306,12 +312,7 @@ class Recording:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *failure: object) -> None:
         self.close()
 
     @property
@@ -374,7 +375,7 @@ class Recorder(Recording):
         self.path = None if path is None else Path(path)
         output = Output(self.path, scene.name, blueprint(scene), view, port)
         longest_wait = LONGEST_WAIT_TO_VIEW if view else LONGEST_WAIT
-        super().__init__(output, [SceneWriter(scene, output, artist, rate, longest_wait)])
+        super().__init__(output, [SceneWriter(scene, output, artist, "", rate, longest_wait)])
 
     def log(self, sample: Sample) -> None:
         """Add one sample as the next frame, unless it comes before one is due."""

@@ -10,7 +10,7 @@ import rerun as rr
 from sim.recording.display_mesh import DisplayMeshes
 from sim.recording.frame import WATER_RESOLUTION, Artist
 from sim.recording.look import DIFFERENCES, MOST_PLOTTED, SERIES, side_by_side_blueprint
-from sim.recording.output import Output, Part, part
+from sim.recording.output import Output, part
 from sim.recording.recorder import BATCH_SECONDS, Recording, SceneWriter
 from sim.runs.simulation import Sample
 from sim.scenes.scene import Scene
@@ -40,8 +40,7 @@ class SideBySideRecorder(Recording):
         for i, (label, scene) in enumerate(scenes.items()):
             meshes = DisplayMeshes(scene.buoyancy, hue=i * GOLDEN_TURN)
             artist = Artist(scene, meshes, None, WATER_RESOLUTION)
-            own = Part(output, part(label))
-            writers.append(SceneWriter(scene, own, artist))
+            writers.append(SceneWriter(scene, output, artist, f"/{part(label)}"))
         bodies = first.buoyancy.body_names[:MOST_PLOTTED]
         for label, path_of, body in product(scenes, SERIES.values(), bodies):
             title = f"water at {body}" if path_of.endswith("water") else body

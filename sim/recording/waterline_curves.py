@@ -9,6 +9,7 @@ drawn straight, so a hull of large triangles is `display_mesh.refined` first.
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.hulls.topology import edges_of
 from sim.kernels import kernel
 from sim.water.sea import Sea
 
@@ -37,11 +38,10 @@ def heads(sea: Sea, points: Array, time: float) -> Array:
 
 def faces_across(faces: Indices) -> Indices:
     """The neighbour (F, 3) of each face of closed surfaces across its edges ab, bc and ca."""
-    count = int(faces.max()) + 1
-    ahead = np.roll(faces, -1, axis=1)
-    edges, reversed_edges = (faces * count + ahead).ravel(), (ahead * count + faces).ravel()
-    order = np.argsort(edges)
-    return (order[np.searchsorted(edges, reversed_edges, sorter=order)] // 3).reshape(-1, 3)
+    both_sides = np.argsort(edges_of(faces).of_side).reshape(-1, 2)  # of each edge
+    across = np.empty(3 * len(faces), np.int64)
+    across[both_sides] = both_sides[:, ::-1] % len(faces)
+    return np.ascontiguousarray(across.reshape(3, -1).T)
 
 
 def waterlines(

@@ -1,4 +1,4 @@
-"""Added mass: the water that an accelerating hull has to take along, as a 6 x 6 matrix."""
+"""Added mass: the water that accelerates with a hull, as a 6 x 6 matrix."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,79 +8,83 @@ from sim.hulls.hull import Hull
 
 Array = NDArray[np.float64]
 
-MOST = 10.0
-"""Displaced masses above which an added mass is taken for an error."""
+MOST_DISPLACED_MASSES = 10.0
+"""Largest plausible added mass, in displaced masses. A larger one is refused as an error of
+units."""
 
-SYMMETRY = 1e-9
-"""Relative round-off that a symmetric, positive semidefinite matrix given in decimals may have."""
+MATRIX_ROUND_OFF = 1e-9
+"""Relative round-off allowed in a symmetric, positive semidefinite matrix given in decimals."""
 
 
 def added_mass_matrix(hull: Hull, density: float, added_mass: ArrayLike) -> Array:
-    """Added mass (6, 6) about the origin of the hull frame, of the fully submerged hull.
+    """Added mass (6, 6) of the fully submerged hull, about the origin of the hull frame.
 
-    added_mass: six coefficients, or a (6, 6) matrix. Six: the first three times the mass of the
-    displaced water along the hull frame's axes, the last three times its moments of inertia about
-    them, all at the hull's centroid (a sphere: 0.5 0.5 0.5 0 0 0). The matrix: [kg], [kg m],
-    [kg m^2], (translation, rotation) along the axes and about the origin of the hull frame, which
-    must be the body's inertial frame. Raises ValueError.
+    added_mass: six coefficients or a (6, 6) matrix. Of six coefficients, the first three are
+    multiples of the displaced mass along the hull frame's axes, and the last three are multiples of
+    its moments of inertia about them, all at the hull's centroid (a sphere: 0.5 0.5 0.5 0 0 0). A
+    matrix [kg], [kg m], [kg m^2] over (translation, rotation) is along the axes and about the
+    origin of the hull frame, which must be the body's inertial frame. Raises ValueError for invalid
+    numbers.
     """
     given = _numbers(added_mass, "added mass")
     if given.size == 6:
         return _from_coefficients(hull, density, given)
     matrix = _checked(given.reshape(6, 6), "added mass")
     heaviest, displaced = np.diag(matrix)[:3].max(), density * hull.volume
-    if heaviest > MOST * displaced:
+    if heaviest > MOST_DISPLACED_MASSES * displaced:
         raise ValueError(
-            f"the added mass matrix has {heaviest:.4g} kg, {heaviest / displaced:.3g} times what "
-            "the hull displaces; expected kg, kg m and kg m^2: correct it"
+            f"the added mass matrix has {heaviest:.4g} kg, {heaviest / displaced:.3g} times the "
+            f"displaced mass; expected at most {MOST_DISPLACED_MASSES:g} times: use kg, kg m and "
+            "kg m^2"
         )
     return matrix
 
 
 def damping_matrix(damping: ArrayLike) -> Array:
-    """Damping (6, 6) [N s/m, N s, N m s] in a frame, force and torque over velocity and angular
-    velocity relative to the water: from six numbers, its diagonal, or from all 36. Raises
-    ValueError."""
+    """Damping (6, 6) [N s/m, N s, N m s] in a frame: force and torque over velocity and angular
+    velocity relative to the water. damping: the six numbers of its diagonal, or all 36. Raises
+    ValueError for invalid numbers."""
     given = _numbers(damping, "damping")
     return np.diag(given) if given.size == 6 else _checked(given.reshape(6, 6), "damping")
 
 
-def _numbers(given: ArrayLike, what: str) -> Array:
-    """Six or 36 numbers that can be, six of them 0 or more; or ValueError."""
+def _numbers(given: ArrayLike, quantity: str) -> Array:
+    """Six or 36 finite numbers; six must be 0 or more. Raises ValueError."""
     given = np.asarray(given, dtype=float).ravel()
     if given.size not in (6, 36):
         raise ValueError(
-            f"the {what} has {given.size} numbers; expected 6 coefficients or a 6 x 6 matrix"
+            f"the {quantity} has {given.size} numbers; expected 6 coefficients or a 6 x 6 matrix"
         )
     if not np.isfinite(given).all():
-        raise ValueError(f"the {what} has a number that is not finite")
+        raise ValueError(f"the {quantity} has a number that is not finite")
     if given.size == 6 and (given < 0.0).any():
         raise ValueError(
-            f"the {what} has a negative coefficient, {given.min():g}; all six must be 0 or more"
+            f"the {quantity} has a negative coefficient, {given.min():g}; all six must be 0 or more"
         )
     return given
 
 
-def _checked(matrix: Array, what: str) -> Array:
-    """A matrix that takes energy and gives none, or ValueError."""
+def _checked(matrix: Array, quantity: str) -> Array:
+    """The symmetric part of a matrix that is symmetric and positive semidefinite up to round-off.
+    Raises ValueError for others."""
     largest = np.abs(matrix).max()
     asymmetry = np.abs(matrix - matrix.T).max()
-    if asymmetry > SYMMETRY * largest:
+    if asymmetry > MATRIX_ROUND_OFF * largest:
         raise ValueError(
-            f"the {what} matrix is not symmetric: two opposite numbers differ by "
-            f"{asymmetry:g}; make both their mean"
+            f"the {quantity} matrix is not symmetric: two opposite entries differ by "
+            f"{asymmetry:g}; set both to their mean"
         )
     lowest = np.linalg.eigvalsh(matrix)[0]
-    if lowest < -SYMMETRY * largest:
+    if lowest < -MATRIX_ROUND_OFF * largest:
         raise ValueError(
-            f"the {what} matrix has the negative eigenvalue {lowest:g}: the water would give "
+            f"the {quantity} matrix has the negative eigenvalue {lowest:g}, which would add "
             "energy to a moving body; it must be positive semidefinite"
         )
     return 0.5 * (matrix + matrix.T)
 
 
 def _from_coefficients(hull: Hull, density: float, coefficients: Array) -> Array:
-    """Coefficients of the displaced water at the hull's centroid, moved to the frame's origin."""
+    """Matrix of coefficients at the hull's centroid, moved to the frame's origin."""
     corners = (hull.vertices - hull.centroid)[hull.faces]
     inertia = np.diag(inertia_of(cone_moments(corners, cone_volumes(corners))))
     at_centroid = density * np.diag(coefficients * np.concatenate([[hull.volume] * 3, inertia]))

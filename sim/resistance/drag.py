@@ -1,28 +1,28 @@
-"""Drag: what moving water does to a hull besides pushing it up.
+"""Drag: the force of moving water on a hull, besides buoyancy.
 
-The hull's surface is gathered once into some hundred flat elements of area A, outward normal n
-and radius r. With u the velocity of an element relative to the water's own orbital motion there,
-u_n = u . n, u_t = u - u_n n, and w the wet part of the element, drag is
+The hull's surface is gathered once into about a hundred flat elements of area A, outward normal n
+and radius r. Let u be the velocity of an element relative to the orbital motion of the water there,
+u_n = u . n, u_t = u - u_n n, and w the wet share of the element. The drag is
 
     F = - density w A [ (c_l sqrt(g L) u_n + c_f |u_n| u_n / 4) n  +  c_t |u_t| u_t / 2 ],
 
-L being the cube root of the hull's volume; c_l fades with the depth d of the element as
-e^(-2 d / L), because waves are made near the surface. The three coefficients are dimensionless:
+where L is the cube root of the hull's volume. c_l decays with the depth d of the element as e^(-2 d
+/ L), because waves are made near the surface. The three coefficients are dimensionless:
 
-    linear    c_l   waves made by the motion: at low speed it takes the energy of bobbing
-    form      c_f   eddies behind edges; half of it acts on the front, half on the rear, so that
+    linear    c_l   waves made by the motion: at low speed it damps bobbing
+    form      c_f   eddies behind edges; half of it acts on the front and half on the rear, so that
                     it is the drag coefficient of a cube moving along an edge; a sphere has c_f / 2
     friction  c_t   along the skin
 
-and the cheap alternative, a uniform rate [1/s] at which angular momentum I omega decays
-(fully submerged). Every term opposes u: it never does work on the motion relative to the water.
+A cheap alternative is a uniform rate [1/s] at which the angular momentum I omega decays (of a fully
+submerged body). Every term opposes u, so drag never does work on the motion relative to the water.
 
-Drag may be strong and bodies light; what bears that is in `reaction`, how the water itself moves in
-`water.motion`.
+Drag may be strong and bodies light. `reaction` keeps the time integration stable in that case.
+`water.motion` has the motion of the water.
 
-Sources: Morison et al. 1950 and Faltinsen 1990 for the splitting into terms; Newman 1977 for
-the wave damping; Kerner 2015 (Water interaction model for boats in video games) for drag summed
-over a hull's facets.
+Sources: Morison et al. 1950 and Faltinsen 1990 for the splitting into terms; Newman 1977 for the
+wave damping; Kerner 2015 (Water interaction model for boats in video games) for drag summed over a
+hull's facets.
 """
 
 import heapq
@@ -55,45 +55,55 @@ Indices = NDArray[np.int64]
 Table = NDArray[np.void]
 
 ELEMENTS = 128
-"""Surface elements a hull is gathered into, a multiple of gerstner.LANES; the cost of drag is
+"""Number of surface elements of a hull, a multiple of gerstner.LANES. The cost of drag is
 proportional to it."""
 
 MOST_PIECES = 1_000_000
-"""Triangles that faces are split into at most before they are gathered; some hundred suffice."""
+"""Maximum number of triangles into which faces are split before they are gathered. A few hundred
+suffice."""
 
 LABEL_ERROR = 0.02
-"""Largest error of the labels above the elements, in hull lengths or in radians of the waves'
-phase: the water's velocity is then right to some 2 %, where drag coefficients are to 20 %."""
+"""Largest error of the labels above the elements, as a share of the hull's length or in radians of
+the waves' phase. The water's velocity is then accurate to about 2 %, and drag coefficients are
+known to 20 %."""
 
 ROW = ("f8", ELEMENTS)
 
 SURFACE = record(
     x=ROW, y=ROW, z=ROW, normal_x=ROW, normal_y=ROW, normal_z=ROW, area=ROW, radius=ROW, flat=ROW
 )  # fmt: skip
-"""The elements of a hull in its frame: points [m], unit normals, areas [m^2], the radii [m] of
-discs of these areas, and the lengths of their area vectors [m^2], which add up to none; where there
-are fewer, the last ones have no area."""
+"""The elements of a hull in its frame.
+
+x, y, z: points [m]; normal_x, normal_y, normal_z: unit normals; area [m^2]; radius [m]: of discs
+with these areas; flat [m^2]: lengths of the elements' area vectors; the vectors add up to
+zero. If there are fewer elements, the last rows have no area.
+"""
 
 STRENGTH = record(
     linear="f8", form="f8", friction="f8", fade="f8", area="f8", volume=("f8", 9), residual="f8",
     steps="i8",
 )  # fmt: skip
-"""What a hull's drag is made with: density times coefficients, the factors of u_n, |u_n| u_n and
-|u_t| u_t; how the first fades with depth [1/m]; the area [m^2] of all elements and the volume [m^3]
-that they enclose, seen along each direction as a symmetric (3, 3) matrix; the residual [m] that
-labels may keep after so many Newton steps."""
+"""The constants of a hull's drag.
+
+linear, form, friction: density times coefficients, the factors of u_n, |u_n| u_n and |u_t| u_t;
+fade [1/m]: decay of the first with depth; area [m^2] of all elements; volume [m^3] that they
+enclose, as a symmetric (3, 3) matrix, see `enclosed_volume`; steps: number of Newton steps to the
+labels; residual [m]: the largest allowed before the last of these steps.
+"""
 
 WORK = record(
     x=ROW, y=ROW, z=ROW, height=ROW, depth=ROW, wet=ROW, sunk=ROW, u_x=ROW, u_y=ROW, u_z=ROW,
     force_x=ROW, force_y=ROW, force_z=ROW, skin_x=ROW, skin_y=ROW, skin_z=ROW,
     across=ROW, along=ROW, rub=ROW,
 )  # fmt: skip
-"""Workspace: the elements' places in the world [m], the water's heights above the level there,
-their depths [m], 0 above the surface, wet areas [m^2], and depths [m] in the mean over them, dry
-parts counted as 0; in the hull's axes their velocities [m/s] relative to the water, their forces
-[N], and what the derivatives of these are made of:
+"""Workspace of the elements.
 
-- dF/du = across n n^T + along t t^T + rub 1,    t the tangential velocity, `skin`.
+x, y, z: positions in the world [m]; height [m] of the water above the level there; depth [m], 0
+above the surface; wet [m^2]: wet areas; sunk [m]: means of the depth over the elements, with dry
+shares counted as 0. In the hull's axes: u_x, u_y, u_z: velocities [m/s] relative to the water;
+force_x, force_y, force_z [N]; and the terms of the derivatives of the forces,
+
+    - dF/du = across n n^T + along t t^T + rub 1,    t the tangential velocity, `skin`.
 """
 
 
@@ -114,8 +124,11 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True)
 class DragCoefficients:
-    """linear, form, friction: dimensionless, see the module; angular [1/s], the rate at which
-    the angular momentum of the submerged body decays. Raises ValueError for one below 0."""
+    """Strengths of drag, 0 or more.
+
+    linear, form, friction: dimensionless, see the module; angular [1/s]: the rate at which the
+    angular momentum of the submerged body decays. Raises ValueError for invalid numbers.
+    """
 
     linear: float = 0.0
     form: float = 0.0
@@ -133,14 +146,14 @@ class DragCoefficients:
 
 
 class Drag:
-    """Drag of one hull in a sea, and the added mass that it carries (see `added_mass`).
+    """Drag of one hull in a sea, and its added mass (see `added_mass`).
 
-    coefficients: the strengths of drag; added_mass: none, six coefficients, or a (6, 6)
-    matrix, checked by `added_mass.added_mass_matrix`; damping: the same (see `damping_matrix`), of
-    the submerged hull, in its frame. Raises ValueError.
+    coefficients: strengths of drag; added_mass: None, six coefficients or a (6, 6) matrix (see
+    `added_mass_matrix`); damping: None, six numbers or a (6, 6) matrix, of the submerged hull in
+    its frame (see `damping_matrix`). Raises ValueError for invalid numbers.
 
-    surface, strength: the hull's SURFACE and STRENGTH; has_surface_drag: whether the elements
-    meet any.
+    surface, strength: the hull's SURFACE and STRENGTH; has_surface_drag: whether any coefficient of
+    the elements' drag is above 0.
     """
 
     def __init__(
@@ -172,11 +185,11 @@ class Drag:
     def wrench(
         self, position: ArrayLike, rotation: ArrayLike, velocity: ArrayLike, time: float
     ) -> Array:
-        """Drag (6,) [N, N m] about the position, world axes, without the angular rate and without
-        added mass.
+        """Drag (6,) [N, N m] about the position, in world axes, without the angular rate, the
+        damping matrix and the added mass.
 
         position (3,) [m], rotation (3, 3) or (9,): pose of the hull frame; velocity (6,) [m/s,
-        rad/s]: of its origin and angular, world axes; time [s].
+        rad/s]: linear velocity of its origin, then angular velocity, in world axes; time [s].
         """
         rotation = np.ascontiguousarray(rotation, dtype=float).reshape(9)
         turn = np.kron(np.eye(2), rotation.reshape(3, 3))
@@ -190,11 +203,11 @@ class Drag:
 
 
 def surface_elements(hull: Hull, count: int = ELEMENTS) -> Table:
-    """The hull's surface gathered into `count` flat elements, a SURFACE.
+    """Gather the hull's surface into `count` flat elements, a SURFACE.
 
-    Faces larger than half an element are split, then the largest group of faces is halved across
-    its widest direction, normals counting as places one hull radius from the middle, until
-    there are enough groups.
+    Faces larger than half an element are split. Then the largest group of faces is halved across
+    its widest direction until there are enough groups. For this, a face has six coordinates: its
+    centre over the hull's radius, and its normal.
     """
     limit = areas(hull.vertices[hull.faces]).sum() / (2.0 * count)
     corners = split_triangles(
@@ -218,7 +231,7 @@ def surface_elements(hull: Hull, count: int = ELEMENTS) -> Table:
 
 
 def _surface(members: list[Indices], sizes: Array, centres: Array, vectors: Array) -> Table:
-    """Groups of faces as a SURFACE: their areas, the middles of these and the mean normals."""
+    """Groups of faces as a SURFACE, with their areas, centroids and mean normals."""
     surface = np.zeros(1, SURFACE)
     for i, group in enumerate(members):
         area, vector = sizes[group].sum(), vectors[group].sum(axis=0)
@@ -235,8 +248,8 @@ def _surface(members: list[Indices], sizes: Array, centres: Array, vectors: Arra
 
 
 def enclosed_volume(surface: Table) -> Array:
-    """Matrix (3, 3) [m^3] that a SURFACE encloses, sum of place times area vector: the volume times
-    the identity, but for what the elements miss of the shape."""
+    """Matrix (3, 3) [m^3] that a SURFACE encloses: the sum of point times area vector. It is the
+    volume times the identity, apart from the difference between the elements and the shape."""
     places = np.stack([surface[axis][0] for axis in "xyz"])
     vectors = np.stack([surface[f"normal_{axis}"][0] for axis in "xyz"]) * surface["flat"][0]
     matrix = places @ vectors.T
@@ -244,8 +257,8 @@ def enclosed_volume(surface: Table) -> Array:
 
 
 def _halves(group: Indices, places: Array, sizes: Array) -> tuple[Indices, Indices]:
-    """Two parts, to both sides of a cut across the widest direction, placed so that the
-    parts' own spread is least: along edges of the surface where there are any."""
+    """Cut a group in two across its widest direction. The cut minimises the spread within the
+    halves, so it follows edges of the surface where there are any."""
     weights = sizes[group] / sizes[group].sum()
     spread = places[group] - weights @ places[group]
     _, directions = np.linalg.eigh((spread * weights[:, None]).T @ spread)
@@ -259,9 +272,9 @@ def _halves(group: Indices, places: Array, sizes: Array) -> tuple[Indices, Indic
 
 
 def label_steps(sea: Sea, size: float) -> tuple[int, float]:
-    """Newton steps, from the point itself, that bring the labels of all samples to LABEL_ERROR for
-    a hull of a size [m], and the residual [m] before the last of them that no sample
-    exceeded. With as many steps for every element drag is a smooth function of the pose."""
+    """Number of Newton steps, from the points themselves, that bring the labels of all samples to
+    LABEL_ERROR for a hull of a size [m], and a bound on the residual [m] before the last step. A
+    fixed number of steps for every element makes drag a smooth function of the pose."""
     waves = sea.components
     speeds = waves["rate"] * waves["amplitude"]
     if not speeds.any():
@@ -282,12 +295,12 @@ def place_elements(surface, pose, work_out):
 
 @summing_kernel
 def wet_areas(surface, level, work):
-    """Depths and wet areas of the elements from the heights of the water at the level [m]; returns
-    the sum of these areas."""
+    """Depths and wet areas of the elements, from the heights of the water above the level [m].
+    Return the sum of the wet areas."""
     s, e, total = surface, work[0], 0.0
     for i in range(ELEMENTS):
         below = depth(e.height[i], e.z[i] - level)
-        # An element gets wet over its own size, so that no force jumps.
+        # the wet share rises gradually over the element's size, so that no force jumps
         share = min(max(0.5 + 0.5 * below / s.radius[i], 0.0), 1.0)
         e.wet[i] = share * s.area[i]
         e.depth[i] = max(below, 0.0)
@@ -308,8 +321,8 @@ def along(matrix, x, y, z):
 
 @summing_kernel
 def submerged_fraction(surface, volume, rotation, work):
-    """Which part of the hull is below the surface, by its elements: the integral of the depth over
-    their area vectors, against the same deep down."""
+    """The share of the hull below the surface: the integral of the depth over the elements' area
+    vectors, divided by its value for the fully submerged hull."""
     s, e, x, y, z, sunk = surface, work[0], rotation[6], rotation[7], rotation[8], 0.0
     for i in range(ELEMENTS):
         up = x * s.normal_x[i] + y * s.normal_y[i] + z * s.normal_z[i]
@@ -320,10 +333,10 @@ def submerged_fraction(surface, volume, rotation, work):
 
 @summing_kernel
 def submersion_rate(surface, volume, fraction, rotation, velocity, work):
-    """How fast [1/s] that part grows, from the velocity (6,) of the hull in its own axes and the
-    elements' relative to the water."""
+    """Time derivative [1/s] of the submerged fraction, from the velocity (6,) of the hull in its
+    own axes and the velocities of the elements relative to the water."""
     s, e, x, y, z, rate = surface, work[0], rotation[6], rotation[7], rotation[8], 0.0
-    tx, ty, tz = cross(x, y, z, velocity[3], velocity[4], velocity[5])  # how the vertical turns
+    tx, ty, tz = cross(x, y, z, velocity[3], velocity[4], velocity[5])  # the vertical's rate
     for i in range(ELEMENTS):
         nx, ny, nz = s.normal_x[i], s.normal_y[i], s.normal_z[i]
         up, turning = x * nx + y * ny + z * nz, tx * nx + ty * ny + tz * nz
@@ -337,8 +350,8 @@ def submersion_rate(surface, volume, fraction, rotation, velocity, work):
 
 @kernel
 def relative_velocities(surface, rotation, velocity, motion, work):
-    """Velocities of the elements relative to the water, from that (6,) of the hull, both in its own
-    axes, and the MOTION of the water."""
+    """Velocities of the elements relative to the water, in the hull's axes. velocity: (6,), of the
+    hull in its own axes; motion: the water's velocities, a MOTION in world axes."""
     s, e, water = surface, work[0], motion[0]
     vx, vy, vz, wx, wy, wz = velocity
     ax, ay, az, bx, by, bz, cx, cy, cz = rotation
@@ -376,7 +389,7 @@ def element_forces(surface, strength, work):
 
 @summing_kernel
 def add_forces(surface, work, wrench_out):
-    """Add the elements' forces and their torques to a wrench (6,)."""
+    """Add the elements' forces and torques to a wrench (6,)."""
     s, e = surface, work[0]
     fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(ELEMENTS):
@@ -394,8 +407,8 @@ def add_forces(surface, work, wrench_out):
 
 @summing_kernel
 def add_squares(surface, ax, ay, az, weights, factor, damping_out):
-    """Add factor * sum of weight b b^T, b = (a, point x a), to the lower triangle of damping
-    (6, 6); vectors a and weights of each element."""
+    """Add factor * sum of weight b b^T to the lower triangle of damping (6, 6), with b = (a, point
+    x a) for a vector a and a weight of each element."""
     p = surface
     aa, ba, bb, ca, cb, cc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     da, db, dc, dd, ea, eb, ec, ed, ee = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -423,8 +436,8 @@ def add_squares(surface, ax, ay, az, weights, factor, damping_out):
 
 @summing_kernel
 def add_rub(surface, weights, factor, damping_out):
-    """Add factor * sum of weight (1, [point x]) (1, [point x])^T to the lower triangle of
-    damping (6, 6)."""
+    """Add factor * sum of weight B^T B to the lower triangle of damping (6, 6), where B takes a
+    hull's velocity (6,) to the velocity of an element's point."""
     p = surface
     s, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
     xx, yx, yy, zx, zy, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -481,8 +494,8 @@ def element_motion(order, flow, work, labels, motion_out):
 
 @kernel
 def add_hull_drag(surface, strength, factor, work, wrench_out, damping_out):
-    """Add a hull's drag to a wrench (6,) and factor * - d wrench / d velocity to the lower triangle
-    of damping (6, 6), along the axes of the hull frame; from elements that are solved, with their
+    """Add a hull's drag to a wrench (6,), and factor * - d wrench / d velocity to the lower
+    triangle of damping (6, 6), in the hull's axes. The elements must be solved and have their
     velocities."""
     element_forces(surface, strength, work)
     add_forces(surface, work, wrench_out)

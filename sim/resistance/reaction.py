@@ -1,21 +1,24 @@
-"""Reaction: all that a moving hull meets besides buoyancy, as a wrench and a matrix of inertia.
+"""Reaction: the forces on a moving hull besides buoyancy, as a wrench and a matrix of inertia.
 
-Added mass is the water that a hull has to accelerate with itself: A, 6 x 6, times the submerged
-fraction f. By Kirchhoff's equations, in axes that turn with the hull at Omega and with nu = (u,
-omega) relative to the water, whose velocity is g and acceleration a as a rigid body (`rigid_fit`),
+Added mass is the water that a hull accelerates with itself: a 6 x 6 matrix A times the submerged
+fraction f. Kirchhoff's equations hold in axes that rotate with the hull at Omega. With nu = (u,
+omega) relative to the water, whose velocity as a rigid body is g and whose acceleration is a
+(`rigid_fit`),
 
     F_added = - f A (nu_dot - (a - Omega x g)) - (Omega x p, Omega x l + u x p),
     (p, l) = f A nu,    nu_dot the rate, in these axes, of the hull's own velocity.
 
-nu_dot is J qacc + J_dot qvel: the first term belongs to the matrix of inertia, and so does the
-damping: explicit in time, strong drag (see `drag`) would throw a light hull out of the water, and
-with (M + J^T (f A + h C) J) qacc = forces, C = - dF_drag/dv >= 0, a step is the linearly implicit
-Euler method (Hairer and Wanner 1996, IV.7), which bears any drag at any timestep h.
+nu_dot is J qacc + J_dot qvel. The first term belongs to the matrix of inertia. So does the damping:
+taken explicitly in time, strong drag (see `drag`) would throw a light hull out of the water. With
+(M + J^T (f A + h C) J) qacc = forces and C = - dF_drag/dv >= 0, a step is the linearly implicit
+Euler method (Hairer and Wanner 1996, IV.7), which is stable with any drag at any timestep h.
 
-- where f changes, - 1/2 (df/dt) A nu besides: of the momentum of the water that comes half is taken
-  along and half was there, so body, water and added mass keep their energy together (no slamming)
-- with drag a step is of first order, in RK4 too: each of its stages takes the whole timestep
-  (added mass alone does not lower the order)
+Where f changes, the added force also has - 1/2 (df/dt) A nu. The hull supplies half the momentum of
+the water that joins it; the other half was already there. The energy of body, water and added mass
+together is then conserved (no slamming).
+
+With drag a step is of first order, also in RK4, because each of its stages takes the whole
+timestep. Added mass alone does not lower the order.
 
 Source: Newman 1977 for Kirchhoff's equations.
 """
@@ -44,21 +47,26 @@ HULL = record(
     surface="i8", has_drag="i8", has_added_mass="i8", has_damping="i8", strength=STRENGTH,
     rate="f8", added_mass=("f8", (6, 6)), damping=("f8", (6, 6)),
 )  # fmt: skip
-"""A hull with drag, added mass or damping: its elements, and the rate [1/s] at which it takes
-angular momentum from its body."""
+"""A hull with drag, added mass or damping.
+
+surface: row of its elements; rate [1/s]: at which it takes angular momentum from its body.
+"""
 
 REACTION = record(
     drag=("f8", 6), inertia=("f8", 6), matrix=("f8", (6, 6)), velocity=("f8", 6), bias=("f8", 6),
     water=("f8", 6), pull=("f8", 6),
 )  # fmt: skip
-"""Workspace: wrenches of drag, and of added mass less its matrix times J qacc; the lower triangle
-of the matrix of inertia with damping, f A + h C. And how the hull moves, in its own axes at its
-frame's origin: its velocity and that part of its rate which is no acceleration of joints,
-J_dot qvel: linear, then angular; and the water's velocity and acceleration."""
+"""Workspace, in the hull's axes at its frame's origin.
+
+drag: wrench of drag and damping; inertia: wrench of added mass without its matrix times J qacc;
+matrix: lower triangle of f A + h C; velocity: of the hull, linear, then angular; bias: J_dot qvel,
+the share of its rate that joint accelerations do not cause; water, pull: velocity and acceleration
+of the water.
+"""
 
 
 def hull_row(surface: int, drag: Drag, volume: float) -> tuple[object, ...]:
-    """A Drag as a HULL, with the elements of a number; volume [m^3]: of all its body's hulls with
+    """A Drag as a HULL. surface: row of its elements; volume [m^3]: of all its body's hulls with
     drag, which share the decay of angular momentum."""
     has_added_mass = drag.added_mass is not None
     return (
@@ -72,7 +80,7 @@ def hull_row(surface: int, drag: Drag, volume: float) -> tuple[object, ...]:
 @kernel
 def add_momentum(u, w, momentum, wrench_out):
     """Add Kirchhoff's terms for a velocity u (3,) relative to the water and a momentum (6,), in the
-    hull's own axes, which turn at w (3,)."""
+    hull's axes, which rotate at w (3,)."""
     p, m = momentum[:3], momentum[3:]
     fx, fy, fz = cross(w[0], w[1], w[2], p[0], p[1], p[2])
     tx, ty, tz = cross(w[0], w[1], w[2], m[0], m[1], m[2])
@@ -87,8 +95,8 @@ def add_momentum(u, w, momentum, wrench_out):
 
 @kernel
 def subtract_turning(velocity, water, rate_out):
-    """Subtract Omega x (u, omega) of the water's motion from a rate (6,): Omega, the angular part
-    of the hull's velocity, turns the axes in which all are given."""
+    """Subtract Omega x (u, omega) of the water's motion from a rate (6,). Omega, the angular part
+    of the hull's velocity, rotates the axes of all arguments."""
     wx, wy, wz = velocity[3], velocity[4], velocity[5]
     for i in range(0, 6, 3):
         x, y, z = cross(wx, wy, wz, water[i], water[i + 1], water[i + 2])
@@ -107,7 +115,7 @@ def add_added_mass(fraction, growth, factor, hull, reaction_out):
     for i in range(6):
         for j in range(6):
             a = hull.added_mass[i, j]
-            # what brakes is taken implicitly: a light body's inertia is mostly this water's
+            # braking terms are implicit: a light body's inertia is mostly that of this water
             r.matrix[i, j] += (fraction + 0.5 * factor * max(growth, 0.0)) * a
             momentum[i] += fraction * a * velocity[j]
             r.inertia[i] += a * (fraction * known[j] - 0.5 * growth * velocity[j])
@@ -116,7 +124,7 @@ def add_added_mass(fraction, growth, factor, hull, reaction_out):
 
 @kernel
 def add_matrix_damping(fraction, factor, hull, reaction_out):
-    """Add a hull's damping by a matrix, of its velocity relative to the water's."""
+    """Add the damping by a matrix, from the hull's velocity relative to the water."""
     r = reaction_out[0]
     for i in range(6):
         for j in range(6):
@@ -126,9 +134,9 @@ def add_matrix_damping(fraction, factor, hull, reaction_out):
 
 @kernel
 def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
-    """What a hull meets, all in its own axes about its own origin, into a REACTION that has its
-    motion, but for the decay of angular momentum. factor: that of the damping in the matrix.
-    Returns how much of the hull is submerged."""
+    """Compute a hull's reaction, without the decay of angular momentum, for the motion given in the
+    REACTION. Everything is in the hull's axes about its origin. factor: multiplies the damping in
+    the matrix. Return the submerged fraction."""
     r, surface, strength = reaction_out[0], surfaces[hull.surface], hull.strength
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
     work, labels, motion = np.empty(1, WORK), np.empty(1, LABELS), np.empty(1, MOTION)

@@ -1,15 +1,15 @@
-"""Rigid fit: the water's motion around a hull as the rigid motion that comes closest to it.
+"""Rigid fit: the rigid motion closest to the water's motion around a hull.
 
 Added mass and damping are the response of the water to a hull that moves as a rigid body. In waves
-they act on how the hull moves relative to the water, which is no rigid body: on a hull longer than
-a wave it moves up and down at once. Of all velocities (v, omega) those are taken that let the least
-water through the wet surface, of areas A and normals n,
+they act on the hull's motion relative to the water. That motion is not rigid: along a hull longer
+than a wave, the water moves up and down at the same time. The fit takes the velocity (v, omega)
+with the least flow through the wet surface, of areas A and normals n,
 
     sum A (n . (u - v - omega x r))^2  ->  min.
 
-Half a wave up and half down then moves nothing, as it should; the velocity of a point would. The
-fit is held to the water's mean velocity by a thousandth, for what the surface does not see, such
-as the spin of a sphere.
+Equal lengths of rising and falling water then move nothing, as they should; the velocity at one
+point would. A small weight ties the fit to the water's mean velocity, for motions that have no flow
+through the surface, such as the spin of a sphere.
 
 Source: Newman 1977, 6.18, for the force of a wave by the relative motion, there in the limit of
 small bodies.
@@ -20,14 +20,13 @@ import numpy as np
 from sim.kernels import kernel, summing_kernel
 from sim.resistance.drag import ELEMENTS, add_squares
 
-HOLD = 1e-3
-"""By which part of the surface's own say the fit is held to the water's mean velocity."""
+MEAN_VELOCITY_SHARE = 1e-3
+"""Weight of the water's mean velocity in the fit, as a share of the weight of the wet surface."""
 
 
 @kernel
 def factor(matrix):
-    """Cholesky's factor of a symmetric (6, 6) matrix of which the lower triangle is given, in its
-    place."""
+    """Replace a symmetric (6, 6) matrix, given by its lower triangle, by its Cholesky factor."""
     for j in range(6):
         for k in range(j):
             for i in range(j, 6):
@@ -39,7 +38,7 @@ def factor(matrix):
 
 @kernel
 def solve(lower, vector):
-    """Solve lower lower^T x = vector (6,), in its place."""
+    """Solve lower lower^T x = vector (6,) in place."""
     for i in range(6):
         for k in range(i):
             vector[i] -= lower[i, k] * vector[k]
@@ -52,7 +51,7 @@ def solve(lower, vector):
 
 @summing_kernel
 def fit_matrix(surface, work, lower_out):
-    """The factor (6, 6) of a fit's normal equations, for elements with wet areas."""
+    """Cholesky factor (6, 6) of the fit's normal equations, for elements with wet areas."""
     s, e, area, spread = surface, work[0], 0.0, 0.0
     for i in range(ELEMENTS):
         w, x, y, z = e.wet[i], s.x[i], s.y[i], s.z[i]
@@ -61,14 +60,14 @@ def fit_matrix(surface, work, lower_out):
     lower_out[:] = 0.0
     add_squares(s, s.normal_x, s.normal_y, s.normal_z, e.wet, 1.0, lower_out)
     for i in range(3):
-        lower_out[i, i] += HOLD * area / 3.0
-        lower_out[3 + i, 3 + i] += HOLD * spread / 3.0
+        lower_out[i, i] += MEAN_VELOCITY_SHARE * area / 3.0
+        lower_out[3 + i, 3 + i] += MEAN_VELOCITY_SHARE * spread / 3.0
     factor(lower_out)
 
 
 @summing_kernel
 def mean_motion(rotation, work, motion):
-    """Mean over the wet areas of a MOTION of the water, turned into the axes of a rotation (9,)."""
+    """Mean of a MOTION of the water over the wet areas, in the axes of a rotation (9,)."""
     e, water, r = work[0], motion[0], rotation
     area, x, y, z = 0.0, 0.0, 0.0, 0.0
     for i in range(ELEMENTS):
@@ -84,8 +83,8 @@ def mean_motion(rotation, work, motion):
 
 @summing_kernel
 def fit_motion(surface, rotation, work, lower, motion, fit_out):
-    """The rigid motion (6,), linear at the hull's origin, then angular, in the hull's axes, that
-    comes closest to a MOTION of the water, with the factor of `fit_matrix`."""
+    """The rigid motion (6,) closest to a MOTION of the water, in the hull's axes: linear at the
+    hull's origin, then angular. lower: from `fit_matrix`."""
     s, e, water = surface, work[0], motion[0]
     ax, ay, az, bx, by, bz, cx, cy, cz = rotation
     mx, my, mz = mean_motion(rotation, work, motion)

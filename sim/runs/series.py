@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.runs.motions import Motions
+from sim.runs.motions import motion
 from sim.runs.simulation import Sample
 from sim.scenes.scene import Scene
 
@@ -23,23 +23,23 @@ torques [N m] of buoyancy and drag about the centre of mass, all in world axes."
 
 
 class Series:
-    """Collects the samples of a scene; heave, heel and trim as in `Motions`."""
+    """Collects the samples of a scene; heave, heel and trim as in `motions`."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        self._motions = Motions(scene)
+        self._rest_heights = scene.rest_heights
         self._rows: list[Array] = []
         self._times: list[float] = []
 
     def add(self, sample: Sample) -> None:
         """Count one sample in, while the scene is at it."""
-        motion = self._motions.of(sample)
+        moved = motion(sample, self._scene.buoyancy.sea, self._rest_heights)
         self._times.append(sample.time)
         self._rows.append(
             np.column_stack(
                 [
                     sample.positions, sample.quaternions, self._velocities(), sample.elevations,
-                    motion.heave, motion.heel_deg, motion.trim_deg, np.degrees(sample.tilts),
+                    moved.heave, moved.heel_deg, moved.trim_deg, np.degrees(sample.tilts),
                     sample.submerged_fractions, sample.body_wrenches, sample.drag_wrenches,
                 ]
             )

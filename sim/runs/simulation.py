@@ -146,16 +146,11 @@ def observe(
     bodies = buoyancy.bodies
     centres = data.xipos[bodies]
     up = data.xmat[bodies].reshape(-1, 3, 3)[:, :, 2]
-    wrenches = buoyancy.wrenches(data)
+    push = buoyancy.push(data)
+    wrenches = buoyancy.wrenches(data, push)
     body_wrenches = np.zeros((len(bodies), 6))
     np.add.at(body_wrenches, buoyancy.float_bodies, wrenches)
-    submerged, volumes = (
-        np.bincount(buoyancy.float_bodies, weights=weights)
-        for weights in (
-            buoyancy.submerged_volumes(data),
-            [f.method.hull.volume for f in buoyancy.floats],
-        )
-    )
+    submerged = np.bincount(buoyancy.float_bodies, buoyancy.submerged_volumes(data, push))
     sea = buoyancy.sea
     return Sample(
         time=data.time,
@@ -165,10 +160,10 @@ def observe(
         centres=centres,
         elevations=sea.elevation(centres[:, 0], centres[:, 1], data.time),
         tilts=np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]),
-        submerged_fractions=submerged / volumes,
+        submerged_fractions=submerged / buoyancy.volumes,
         wrenches=wrenches,
         body_wrenches=body_wrenches,
-        drag_wrenches=buoyancy.drag_wrenches(data),
+        drag_wrenches=buoyancy.drag_wrenches(data, push),
         step_seconds=step_seconds,
         buoyancy_seconds=buoyancy_seconds,
     )

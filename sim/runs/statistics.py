@@ -1,4 +1,4 @@
-"""Statistics: means of series whose samples remember their predecessors, and their errors."""
+"""Statistics of series: means with errors for correlated samples, wave heights, and spectra."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,26 +10,32 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 FEWEST_BATCHES = 16
-"""Batches below which their scatter tells the error of a mean to no better than a fifth."""
+"""Least number of batches. With fewer, their scatter gives the error of a mean to no better than a
+fifth."""
 
+SEGMENTS_PER_SERIES = 8
+"""Length of a series over that of a segment in `spectra`. More segments give a smoother spectrum
+with a coarser resolution."""
 
-SEGMENTS = 8
-"""Lengths of a segment in a series whose spectrum is wanted: more are smoother and less sharp."""
-
-LATEST_START = 1e4
-"""Seconds of the sea's time within which runs begin."""
+LATEST_START_TIME = 1e4
+"""Latest time [s] of the sea at which a run begins."""
 
 
 def start_times(count: int, seed: int = 0) -> list[float]:
-    """Times [s] of the sea at which runs begin: 0 and seeded random ones. The scene starts as it
-    does, but meets other phases of the waves."""
-    return [0.0, *np.random.default_rng(seed).uniform(0.0, LATEST_START, count - 1).tolist()]
+    """Times [s] of the sea at which runs begin: 0 and `count` - 1 seeded random times.
+
+    The scene's initial state stays the same, but the phases of the waves differ.
+    """
+    return [0.0, *np.random.default_rng(seed).uniform(0.0, LATEST_START_TIME, count - 1).tolist()]
 
 
 @dataclass(frozen=True)
 class Heights:
-    """Heights from trough to crest of a series between its upcrossings of the mean: of the highest
-    third, the largest, and the mean time between upcrossings [s]; NaN where there are none."""
+    """Heights from trough to crest of a series, between successive upcrossings of its mean.
+
+    significant: mean of the highest third. largest: the largest height. period: mean time between
+    upcrossings [s]. All are NaN if there are fewer than two upcrossings.
+    """
 
     significant: float
     largest: float
@@ -37,7 +43,7 @@ class Heights:
 
 
 def heights(times: ArrayLike, values: ArrayLike) -> Heights:
-    """The heights of a series (N,) at times (N,) [s]."""
+    """The `Heights` of a series (N,) at times (N,) [s]."""
     times, values = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
     off = values - values.mean()
     ups = np.flatnonzero((off[:-1] < 0.0) & (off[1:] >= 0.0)) + 1
@@ -50,27 +56,32 @@ def heights(times: ArrayLike, values: ArrayLike) -> Heights:
 
 
 def spectra(times: ArrayLike, *series: ArrayLike) -> tuple[Array, list[Array]]:
-    """Frequencies [Hz] and one-sided spectral densities (M,) [unit^2 / Hz] of series (N,) at even
-    times (N,) [s], by Welch's averages over halves that overlap (1967), under Hann's window."""
+    """Frequencies (M,) [Hz] and one-sided spectral densities (M,) [unit^2 / Hz] of series (N,).
+
+    The times (N,) [s] must be equidistant. The densities are averages over segments that overlap by
+    half (Welch 1967), with a Hann window.
+    """
     times = np.asarray(times, dtype=float)
     step = float(np.median(np.diff(times)))
-    length = max(len(times) // SEGMENTS, min(len(times), 16))
+    length = max(len(times) // SEGMENTS_PER_SERIES, min(len(times), 16))
     window = np.hanning(length + 1)[:-1]
     scale = 2.0 * step / float(window @ window)
     found = []
     for values in series:
         values = np.asarray(values, dtype=float) - np.mean(values)
         starts = range(0, len(values) - length + 1, length // 2)
-        parts = [np.fft.rfft(window * values[start : start + length]) for start in starts]
-        found.append(scale * np.mean(np.abs(parts) ** 2, axis=0))
+        segments = [np.fft.rfft(window * values[start : start + length]) for start in starts]
+        found.append(scale * np.mean(np.abs(segments) ** 2, axis=0))
     return np.fft.rfftfreq(length, step), found
 
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean with its standard error, which comes from the scatter of so many batches of so many
-    samples each. settled: whether batches of that length and longer were found uncorrelated; if
-    not, the series is too short for its memory and the error is too small."""
+    """A mean and its standard error, from the scatter of `batches` batches of `batch` samples each.
+
+    settled: whether batches of this length and longer are uncorrelated. If they are not, the series
+    is too short compared with its correlation time, and the error is too small.
+    """
 
     value: float
     error: float
@@ -80,26 +91,26 @@ class Mean:
 
 
 def mean_of_runs(runs: Sequence[Array]) -> Mean:
-    """Mean over independent runs (N,) of equal length: one batch each."""
+    """Mean over independent runs (N,) of equal length; each run is one batch."""
     means = np.array([np.mean(run) for run in runs])
     error = means.std(ddof=1) / np.sqrt(len(means))
     return Mean(float(means.mean()), float(error), len(means), len(runs[0]), settled=True)
 
 
 def mean_of_correlated(series: ArrayLike) -> Mean:
-    """Mean of a stationary series (N,) whose samples remember their predecessors, by batch means
-    (Conway 1963).
+    """Mean of a stationary series (N,) of correlated samples, by batch means (Conway 1963).
 
-    Means over batches long against the memory are independent, so their scatter tells the error of
-    the whole mean. The length comes from the series: it is doubled, while at least
-    FEWEST_BATCHES are left, and the shortest is taken from which on no length shows a correlation
-    between neighbouring batches beyond its noise of 1 / sqrt(batches), twice. Where no length does,
-    the longest is taken and `settled` is false. Raises ValueError for fewer samples than that.
+    Means over batches much longer than the correlation time are independent, so their scatter gives
+    the error of the whole mean. The batch length is doubled as long as at least FEWEST_BATCHES
+    batches remain. A length is quiet if the correlation between neighbouring batches is within
+    twice its noise of 1 / sqrt(batches). The shortest length is chosen from which on all lengths
+    are quiet. If the longest is not quiet, it is chosen and `settled` is false. Raises ValueError
+    for fewer than FEWEST_BATCHES samples.
     """
     series = np.asarray(series, dtype=float)
     if series.size < FEWEST_BATCHES:
         raise ValueError(
-            f"the series has {series.size} samples; its mean's error needs {FEWEST_BATCHES} or more"
+            f"the series has {series.size} samples; the error of its mean needs {FEWEST_BATCHES}"
         )
     chosen, settled = None, False
     length = 1

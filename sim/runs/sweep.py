@@ -1,8 +1,8 @@
-"""Sweep: a scene run again and again, with other numbers, seeds and starts, and what came of it.
+"""Sweep: many runs of a scene with different settings, seeds and start times, and their results.
 
-A row of the result is a run: what was set, how it ended, and for each body statistics of its heave
-and tilt. Runs that fail are rows too. Rows are kept in a file as they come, so that whoever goes on
-later does only what is missing.
+The result has a row per run: its settings, its status, and statistics of each body's heave and
+tilt. Failed runs have rows too. Rows are saved as they are finished, so a later sweep can resume
+with the missing runs.
 """
 
 import json
@@ -33,10 +33,10 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Plan:
-    """What all runs of a sweep have in common.
+    """The settings that all runs of a sweep share.
 
-    scene: the file. duration, warm_up [s]: simulated time, and its part that the statistics leave
-    out. rate [Hz]: samples a second.
+    scene: an MJCF file. duration [s]: simulated time. warm_up [s]: the first part of the duration,
+    which the statistics ignore. rate [Hz]: samples per second.
     """
 
     scene: Path
@@ -45,7 +45,7 @@ class Plan:
     rate: float
 
     def as_row(self) -> Row:
-        """What tells it from others, the content of the scene's files among it."""
+        """The plan for comparison with others; a hash of the scene's files stands for the scene."""
         digest = sha256()
         for path in sorted(model_files(self.scene)):
             digest.update(path.read_bytes())
@@ -54,7 +54,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Run:
-    """One run: its number, its settings by name, and the time [s] of the sea at which it begins."""
+    """A run: its number, its (name, value) settings, and the time [s] of the sea at its start."""
 
     number: int
     settings: tuple[tuple[str, str], ...]
@@ -62,8 +62,11 @@ class Run:
 
 
 def runs_of(settings: Sequence[str], seeds: int, starts: int) -> list[Run]:
-    """All runs: the product of the values of each setting, "NAME=VALUE,VALUE,...", times seeds and
-    starts. Raises ValueError."""
+    """All runs: every combination of the settings' values, seeds and start times.
+
+    settings: strings "NAME=VALUE,VALUE,...". seeds, starts: numbers of seeds (0 to leave the
+    scene's) and of start times. Raises ValueError for other strings.
+    """
     axes: list[list[tuple[str, str]]] = []
     for setting in settings:
         name, equals, values = setting.partition("=")
@@ -77,15 +80,15 @@ def runs_of(settings: Sequence[str], seeds: int, starts: int) -> list[Run]:
 
 
 def perform(plan: Plan, run: Run) -> Row:
-    """The row of a run. Scenes that cannot be and states that diverge are said in it."""
+    """Execute a run and return its row; its status begins with held, diverged or refused."""
     began = perf_counter()
     row: Row = {"run": run.number, **dict(run.settings), "start": run.start, "status": "held"}
     stepping = 0.0
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Note)  # said once, of the first run
+            warnings.simplefilter("ignore", Note)  # check_plan shows the notes
             scene = _scene(plan, run.settings)
-        scene = replace(scene, data=first_state(scene.model))  # others may run in it at once
+        scene = replace(scene, data=first_state(scene.model))  # other threads may share the scene
         scene.data.time += run.start
         series = Series(scene)
         for sample in simulate(scene, plan.duration, plan.rate):
@@ -101,9 +104,11 @@ def perform(plan: Plan, run: Run) -> Row:
 
 
 def statistics_of(columns: Mapping[str, Any], bodies: Sequence[str]) -> Row:
-    """Of each body, under '<body> <what>': mean, standard deviation, significant and largest height
-    of heave [m] and tilt [deg], the mean time between upcrossings of the heave [s], and the mean
-    drift [m/s]."""
+    """Statistics of each body, under names that begin with the body's name.
+
+    They are the mean, standard deviation, significant and largest height of heave [m] and tilt
+    [deg], the mean time [s] between upcrossings of the heave, and the mean drift [m/s].
+    """
     found: Row = {}
     for body in bodies:
         chosen = columns["body"] == body
@@ -127,36 +132,38 @@ def statistics_of(columns: Mapping[str, Any], bodies: Sequence[str]) -> Row:
 
 @lru_cache(maxsize=4)
 def _scene(plan: Plan, settings: tuple[tuple[str, str], ...]) -> Scene:
-    """The scene of some settings: runs that differ in their starts share it."""
+    """The scene with some settings. Runs that differ only in their start times share it."""
     return Scene.load(plan.scene, settings=[f"{name}={value}" for name, value in settings])
 
 
 def check_plan(plan: Plan, run: Run) -> None:
-    """Raise the ValueError or OSError that the first run would fail with."""
+    """Raise the ValueError or OSError with which a run would fail."""
     if plan.warm_up >= plan.duration:
         raise ValueError(
-            f"{plan.duration:g} s leave nothing after a warm-up of {plan.warm_up:g} s; run longer"
+            f"a run of {plan.duration:g} s has nothing left after a warm-up of {plan.warm_up:g} s; "
+            "run longer"
         )
     check_run(_scene(plan, run.settings), plan.duration, plan.rate)
 
 
 def kept_rows(path: Path, plan: Plan, runs: Sequence[Run]) -> list[Row]:
-    """The rows that an interrupted sweep of the same runs has left, behind its plan; half a row at
-    the end of the file is taken away, so that more can follow. Raises ValueError for rows of
-    another one."""
+    """The rows that an interrupted sweep of the same runs saved in a file, after its plan.
+
+    An incomplete last row is cut off, so that more rows can be appended. Raises ValueError if the
+    rows belong to another sweep.
+    """
     if not path.exists():
         return []
     head, *rows = list(_whole_lines(path)) or [{}]
     for name, value in plan.as_row().items():
         if head and head.get(name) != value:
             raise ValueError(
-                f"{path} has rows of another sweep, whose {name} is not the same; remove it or "
-                "give its options"
+                f"{path} has rows of a sweep with another {name}; remove it or use its options"
             )
     for row in rows:
         run = runs[row["run"]] if row["run"] < len(runs) else None
         if run is None or not row.items() >= {**dict(run.settings), "start": run.start}.items():
-            raise ValueError(f"{path} has rows of another sweep; remove it or give its options")
+            raise ValueError(f"{path} has rows of another sweep; remove it or use its options")
     whole = path.read_bytes().rfind(b"\n") + 1
     if whole < path.stat().st_size:
         os.truncate(path, whole)
@@ -164,14 +171,14 @@ def kept_rows(path: Path, plan: Plan, runs: Sequence[Run]) -> list[Row]:
 
 
 def _whole_lines(path: Path) -> Iterator[Row]:
-    """The rows of a file whose last line may have been cut off."""
+    """The rows of a file, without an incomplete last line."""
     for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
         if line.endswith("\n"):
             yield json.loads(line)
 
 
 def as_columns(rows: Sequence[Row]) -> dict[str, Any]:
-    """Rows, in the order of their runs, as columns; NaN or "" for what a row does not have."""
+    """Rows as columns, in the order of the runs; NaN or "" where a row lacks a value."""
     rows = sorted(rows, key=lambda row: row["run"])
     names = list(dict.fromkeys(name for row in rows for name in row))
     columns = {}

@@ -1,4 +1,4 @@
-"""Tables: columns of numbers and words in a file, CSV, Parquet or NumPy's by its ending."""
+"""Tables: columns of numbers and words in a CSV, Parquet or NumPy file, chosen by its ending."""
 
 import csv
 from collections.abc import Mapping
@@ -14,13 +14,13 @@ ENDINGS = (".csv", ".parquet", ".npz")
 
 
 def check_ending(path: Path) -> None:
-    """Raise ValueError for a file of another kind."""
+    """Raise ValueError if the name of a file does not end in one of ENDINGS."""
     if path.suffix.lower() not in ENDINGS:
         raise ValueError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
 
 
 def write_columns(path: Path, columns: Mapping[str, Column], ending: str | None = None) -> None:
-    """Write columns of one length, by the file's ending or another one. Raises OSError."""
+    """Write columns of equal length, in the format of `ending` if given. Raises OSError."""
     kind = (ending or path.suffix).lower()
     columns = {name: np.asarray(column) for name, column in columns.items()}
     if kind == ".parquet":
@@ -39,7 +39,7 @@ def write_columns(path: Path, columns: Mapping[str, Column], ending: str | None 
 
 
 def read_columns(path: Path) -> dict[str, Column]:
-    """The columns of such a file. Raises ValueError, OSError."""
+    """Read the columns of a file that `write_columns` wrote. Raises ValueError, OSError."""
     check_ending(path)
     if path.suffix.lower() == ".parquet":
         import pyarrow.parquet

@@ -33,11 +33,12 @@ class Buoyancy:
         buoyancy.wrenches(data)
 
     sea: the sea. floats: the H hulls. bodies: (B,) ids of the bodies that they belong to, each
-    once. float_bodies: (H,) index of each hull's body in `bodies`. has_resistance: whether any hull
-    has drag or added mass.
+    once. float_bodies: (H,) index of each hull's body in `bodies`. volumes: (B,) [m^3] of the hulls
+    of each body. has_resistance: whether any hull has drag or added mass.
 
     Every method computes from the kinematics in the given state. `mj_step` leaves these one step
-    behind; `mj_kinematics` updates them.
+    behind; `mj_kinematics` updates them. A method that takes a `push` computes it if it is not
+    given.
     """
 
     def __init__(self, model: mujoco.MjModel, context: Context) -> None:
@@ -50,6 +51,8 @@ class Buoyancy:
         self._geoms = np.array([f.geom for f in self.floats])
         self._rows = np.array([f.body for f in self.floats])
         self._displaced = np.array([f.displaced for f in self.floats])
+        volumes = [f.method.hull.volume for f in self.floats]
+        self.volumes = np.bincount(self.float_bodies, weights=volumes)
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Buoyancy":
@@ -72,11 +75,6 @@ class Buoyancy:
         return tuple(body_label(self.model, b) for b in self.bodies)
 
     @property
-    def takes_tolerance(self) -> bool:
-        """Whether the method of any hull has a tolerance of the water height."""
-        return any(f.method.takes_tolerance for f in self.floats)
-
-    @property
     def is_current(self) -> bool:
         """Whether the model still describes these hulls and waves. Raises ModelError if it
         describes impossible ones."""
@@ -91,20 +89,24 @@ class Buoyancy:
         """Wall time [s] of these calls."""
         return 1e-9 * seam.counted(data, native.NANOSECONDS)
 
-    def wrenches(self, data: mujoco.MjData) -> Array:
+    def push(self, data: mujoco.MjData) -> Array:
+        """Buoyancy of every hull, (H, 6) [N, N m], in world axes, about its geom's position."""
+        return self._context.push(self.model, data)
+
+    def wrenches(self, data: mujoco.MjData, push: Array | None = None) -> Array:
         """Buoyancy of every hull, (H, 6) [N, N m], in world axes, about its body's centre of mass.
         Writes nothing."""
-        wrenches = self._context.push(self.model, data)
+        wrenches = self.push(data) if push is None else push.copy()
         arms = data.geom_xpos[self._geoms] - data.xipos[self._rows]
         wrenches[:, 3:] += np.cross(arms, wrenches[:, :3])
         return wrenches
 
-    def submerged_volumes(self, data: mujoco.MjData) -> Array:
+    def submerged_volumes(self, data: mujoco.MjData, push: Array | None = None) -> Array:
         """Submerged volume (H,) [m^3] of each hull: the vertical force of hydrostatic pressure over
         density * gravity."""
         sea = self.sea
         if sea.pressure == "hydrostatic" or not sea.waves:
-            lifts = self._context.push(self.model, data)[:, 2] / self._displaced
+            lifts = (self.push(data) if push is None else push)[:, 2] / self._displaced
         else:
             lifts = np.empty((len(self.floats), 6))
             for batch in self._still_batches:
@@ -123,7 +125,7 @@ class Buoyancy:
             made.setdefault(id(hull), kind(hull, still))
         return batches_of([replace(f, method=made[id(f.method.hull)]) for f in self.floats], 1)
 
-    def drag_wrenches(self, data: mujoco.MjData) -> Array:
+    def drag_wrenches(self, data: mujoco.MjData, push: Array | None = None) -> Array:
         """Drag on every body of `bodies`, (B, 6) [N, N m], in world axes, about its centre of mass.
         Added mass is not included. Zero without drag. Updates the kinematics; writes no force."""
         if not self.has_resistance:
@@ -131,7 +133,8 @@ class Buoyancy:
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_comPos(self.model, data)
         mujoco.mj_comVel(self.model, data)
-        return self._context.drags(self.model, data, self._context.push(self.model, data))
+        push = self.push(data) if push is None else push
+        return self._context.drags(self.model, data, push)
 
     def pushes(self, data: mujoco.MjData) -> Array:
         """The user's pushes in the bodies' rows of xfrc_applied, (B, 6) [N, N m]. The rest of a row

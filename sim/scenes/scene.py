@@ -2,16 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.mjcf.faults import ModelError, say
 from sim.mjcf.floats import first_state
 from sim.mjcf.notes import notes_about_places
 from sim.scenes.buoyancy import Buoyancy
-from sim.scenes.hydrostatics import notes_about_start
+from sim.scenes.hydrostatics import hydrostatics, notes_about_start
 from sim.scenes.settings import Settings, override, set_sea
 from sim.scenes.spec import compiled, read_spec, with_plugin
 from sim.scenes.timestep import notes_about_timestep
@@ -26,6 +28,18 @@ class Scene:
     model: mujoco.MjModel
     data: mujoco.MjData
     buoyancy: Buoyancy
+
+    @cached_property
+    def rest_heights(self) -> NDArray[np.float64]:
+        """Heights (B,) [m] above the still level at which the origins of the floating bodies rest.
+        They are computed once, from the state at the first access. A body without a rest, or with a
+        parent, keeps the height that it has in that state."""
+        found = hydrostatics(self, with_gz=False)
+        heights = self.data.xpos[self.buoyancy.bodies, 2].copy()
+        for i, name in enumerate(self.buoyancy.body_names):
+            if name in found and found[name].rest is not None:
+                heights[i] = found[name].rest.height_m
+        return heights - self.buoyancy.sea.level
 
     @classmethod
     def load(

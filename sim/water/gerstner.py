@@ -1,26 +1,26 @@
-"""Gerstner waves: the kernels that a Sea is made of.
+"""Gerstner waves: the kernels that a Sea is built on.
 
-A surface particle with label alpha (the 2-vector it is named after) is at
+A surface particle with label alpha, its rest position (2,), is at
 
     x = alpha + sum d a cos(theta),    z = level + sum a sin(theta),
     theta = k d . alpha - omega t + phase,    omega^2 = g k.
 
-Seen from above the surface is a graph while sum k a < 1, so an elevation above
-a given x exists; finding it means inverting the first relation for alpha. The
-residual r = x - x(alpha) has the symmetric Jacobian -J with
+Seen from above, the surface is a graph while sum k a < 1, so every x has one elevation. To find it,
+the first relation is inverted for alpha. The residual r = x - x(alpha) has the symmetric Jacobian
+-J with
 
     J = dx/dalpha = I - sum d d^T k a sin(theta),    1 - sum k a <= J <= 1 + sum k a,
 
-so Newton's step J^-1 r exists everywhere and always points downhill in |r|: halved until
-|r| falls, it converges from any starting point. Plain steps do for almost all points
-and are taken many points at a time; those few that they miss get the safeguard. (Our own, because
-a library's solver takes one point at a time, by calls back into Python.)
+so Newton's step J^-1 r exists everywhere and always reduces |r| if it is short enough. Halved until
+|r| falls, it converges from any starting point. Plain steps suffice for almost all points and are
+taken for many points at a time. The few points that they do not solve get the safeguarded
+iteration. (Library solvers take one point at a time and call back into Python.)
 
-Phases are kept in turns, not radians: the nearest integer is then subtracted without
-error, so a phase is as precise as the double that holds it, far from the origin too.
+Phases are kept in turns, not radians. The nearest integer can then be subtracted without error, so
+a phase is as precise as the double that holds it, even far from the origin.
 
-Sources: Gerstner 1802; Tessendorf 2001 for sums of such waves; Dennis and Schnabel 1983,
-chapter 6, for the safeguarded Newton iteration.
+Sources: Gerstner 1802; Tessendorf 2001 for sums of such waves; Dennis and Schnabel 1983, chapter 6,
+for the safeguarded Newton iteration.
 """
 
 from math import factorial
@@ -30,24 +30,26 @@ import numpy as np
 from sim.kernels import inline, kernel, record
 
 PLAIN_STEPS = 8
-"""Newton steps taken without a safeguard; more would only delay the points that need one."""
+"""Maximum number of Newton steps without a safeguard. More steps only delay the points that need
+one."""
 
 SAFEGUARDED_STEPS = 200
-"""Evaluations after which a point is given up: NaN, or the nearest label where waves fold. Even at
-a steepness sum of 0.95 some 20 suffice, so only a position that is not finite gets there, or one
-where many waves meet as they are taken never to."""
+"""Maximum number of evaluations in the safeguarded iteration. About 20 suffice even at a steepness
+sum of 0.95. Only two kinds of points use all of them: positions that are not finite, which give
+NaN, and points where so many waves meet that the surface folds, which give the nearest label."""
 
 ROUND_OFF = 1e-15
-"""Relative to the distance from the origin: a residual below this is noise, so a point that far
-out is closed there."""
+"""Round-off of a residual, as a share of the distance from the origin. Smaller residuals are noise,
+so a point counts as solved there."""
 
 CHUNK = 248
-"""Points solved together: their workspaces fit the second-level cache. Not a power of two, because
-fields a power of two apart would fight for the same lines of the first."""
+"""Number of points solved together. Their workspaces fit the second-level cache. It is not a power
+of two, because fields a power of two apart would compete for the same lines of the first-level
+cache."""
 
 LANES = 8
-"""Chunks are filled up to a multiple of this: what is left of a loop after its vectors would be
-done point by point, at eight times the cost."""
+"""Chunks are filled up to a multiple of this number of points. The remainder of a vectorised loop
+would run point by point, at eight times the cost."""
 
 ROW = ("f8", CHUNK)
 
@@ -59,32 +61,39 @@ WAVE = record(
     amplitude="f8", wavenumber="f8", direction_x="f8", direction_y="f8",
     ka="f8", kka="f8", kkka="f8", rate="f8", rise="f8",
 )  # fmt: skip
-"""A wave as kernels read it: wavenumber vector [turns/m], phase [turns] and frequency [turns/s] at
-a place that stays; amplitude a [m], wavenumber k [rad/m] and unit direction; k a, k^2 a and k^3 a,
-what it adds to derivatives of that order; the rate [rad/s] at which the water turns, which does not
-see the current; and one over the time [s] in which it grows, 0 for a wave that was always there."""
+"""A wave as kernels read it.
+
+turns_x, turns_y: wavenumber vector [turns/m]; turns: phase [turns]; frequency [turns/s], as seen
+from a fixed position; amplitude a [m]; wavenumber k [rad/m]; direction_x, direction_y: unit vector;
+ka, kka, kkka: k a, k^2 a and k^3 a, the wave's contributions to derivatives of those orders; rate:
+angular frequency [rad/s] of the particles, which does not depend on the current; rise: one over the
+time [s] in which the wave grows, 0 for a wave without a ramp.
+"""
 
 MOST_TIDES = 16
-"""Times at which a sea may have levels of its own."""
+"""Maximum number of times at which a sea can have given levels."""
 
 WATER = record(
     level="f8", amplitude="f8", tolerance="f8", scale="f8", decays="i8", current=("f8", 3),
     tides="i8", tide_time=("f8", MOST_TIDES), tide_level=("f8", MOST_TIDES),
 )  # fmt: skip
-"""What kernels know of a sea besides its waves: the still level [m] at the start, how far
-crests rise above it [m], the residual [m] at which a label counts as found, - density gravity
-[N/m^3], whether the waves' pressure decays with depth; the current [m/s]; and how many times [s]
-have levels [m] of their own."""
+"""The properties of a sea besides its waves, as kernels read them.
+
+level: still level [m] at the start; amplitude: height [m] of the highest crest above it; tolerance:
+residual [m] at which a label counts as found; scale: - density gravity [N/m^3]; decays: whether the
+waves' pressure decays with depth; current [m/s]; tides: number of pairs of tide_time [s] and
+tide_level [m].
+"""
 
 LABELS = record(x=ROW, y=ROW, residual=ROW)
-"""Workspace: labels of a chunk's points, and the residual squared [m^2] that a step began with."""
+"""Workspace: labels of a chunk's points, and the squared residual [m^2] before the last step."""
 
 SUMS = record(x=ROW, y=ROW, z=ROW, z_x=ROW, z_y=ROW, x_x=ROW, x_y=ROW, y_y=ROW)
-"""Workspace: a chunk's particles as sums over the waves: offset x, y from the label and height z
-above the level, and their derivatives by the label."""
+"""Workspace: sums over the waves at a chunk's labels. x, y: offset of the particle from its label;
+z: its height above the level; the other fields: derivatives of these by the label."""
 
 # sin(2 pi u) = u * sum SINE[i] u^2i and cos(2 pi u) = sum COSINE[i] u^2i on |u| <= 1/4, fitted
-# in Chebyshev nodes with 60 digits; the fit's own error is below 4e-18.
+# at Chebyshev nodes with 60 digits; the error of the fit is below 4e-18.
 SINE = (
     6.283185307179586,
     -41.341702240399755,
@@ -109,15 +118,15 @@ COSINE = (
 )
 
 TAYLOR = tuple(1.0 / factorial(n) for n in range(10))
-"""Of the exponential."""
+"""Taylor coefficients of the exponential."""
 
 
 @inline
 def sine_cosine(turns):
     """Sine and cosine of an angle in turns, to 2.2e-16.
 
-    libm's pair costs some 25 ns a point and stays scalar; this one is branch-free, so loops
-    over it vectorise to about 1 ns.
+    The pair from libm takes about 25 ns a point and does not vectorise. This one has no branches,
+    so loops over it vectorise and take about 1 ns a point.
     """
     half_turns = np.floor(2.0 * turns + 0.5)
     u = turns - 0.5 * half_turns  # exact
@@ -138,8 +147,8 @@ def sine_cosine(turns):
 
 @inline
 def decay(x):
-    """exp(-x) for x >= 0, to 4e-16: (exp(-x / 64))^64 by Taylor's polynomial of degree 9, held at
-    3e-20 where that would end. Without a call in it, a loop over it vectorises."""
+    """exp(-x) for x >= 0, to 4e-16: (exp(-x / 64))^64 by a Taylor polynomial of degree 9, held at
+    3e-20 for large x. It makes no call, so loops over it vectorise."""
     y = min(x * 0.015625, 0.7)
     power = TAYLOR[9]
     power = TAYLOR[8] - y * power
@@ -190,7 +199,7 @@ def level_and_rise(water, time):
 
 @inline
 def clear_sums(p, count):
-    """Set the first `count` of all sums to 0."""
+    """Set the first `count` entries of all sums to 0."""
     for i in range(count):
         p.x[i], p.y[i], p.z[i], p.z_x[i], p.z_y[i] = 0.0, 0.0, 0.0, 0.0, 0.0
         p.x_x[i], p.x_y[i], p.y_y[i] = 0.0, 0.0, 0.0
@@ -198,7 +207,7 @@ def clear_sums(p, count):
 
 @inline
 def add_wave(p, i, s, c, a, ka, dx, dy):
-    """Add one wave, of phase sine s and cosine c, to the sums at point i."""
+    """Add one wave, with sine s and cosine c of its phase, to the sums at point i."""
     p.x[i] += dx * a * c
     p.y[i] += dy * a * c
     p.z[i] += a * s
@@ -211,8 +220,8 @@ def add_wave(p, i, s, c, a, ka, dx, dy):
 
 @kernel
 def wave_sums(count, waves, time, labels, sums_out):
-    """The SUMS at the first `count` LABELS. The wave loop is outermost so that the loop over points
-    vectorises."""
+    """Compute the SUMS at the first `count` LABELS. The loop over waves is the outer one, so that
+    the loop over points vectorises."""
     at, p = labels[0], sums_out[0]
     clear_sums(p, count)
     for w in range(waves.size):
@@ -236,9 +245,8 @@ def solved(p, i, rx, ry):
 
 @kernel
 def newton_labels(x, y, labels, sums, heights_out, labels_out):
-    """Labels one plain Newton step nearer to the points x, y: (N,) [m]. The heights [m] follow the
-    step along the surface's slope, so that what is left of the residual enters them in second
-    order only."""
+    """Take one plain Newton step towards the points x, y: (N,) [m]. The heights [m] follow the step
+    along the surface's slope, so that the remaining residual changes them in second order only."""
     at, p, to = labels[0], sums[0], labels_out[0]
     for i in range(x.size):
         rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
@@ -250,16 +258,16 @@ def newton_labels(x, y, labels, sums, heights_out, labels_out):
 
 @inline
 def is_solved(x, y, residual_squared, tolerance):
-    """Whether a point's residual is below the tolerance [m] or lost in round-off."""
+    """Whether a point's residual is below the tolerance [m] or below round-off."""
     limit = tolerance + ROUND_OFF * (abs(x) + abs(y))
     return residual_squared < limit * limit
 
 
 @kernel
 def solve_point(x, y, guess_x, guess_y, waves, time, tolerance, labels, sums):
-    """Safeguarded Newton for one point from a guess of its label: a step is kept only if the
-    residual falls, and halved until it does. Returns label x, y and height, all NaN for points
-    that are not finite. Works in LABELS and SUMS."""
+    """Solve one point by safeguarded Newton steps from a guess of its label. A step is halved until
+    the residual falls. Return label x, label y and height, all NaN for a point that is not finite.
+    The workspaces are LABELS and SUMS."""
     at, p = labels[0], sums[0]
     at.x[0], at.y[0] = guess_x, guess_y
     best = np.inf
@@ -272,7 +280,7 @@ def solve_point(x, y, guess_x, guess_y, waves, time, tolerance, labels, sums):
             best = residual
             label_x, label_y = at.x[0], at.y[0]
             step_x, step_y = solved(p, 0, rx, ry)
-            if not step_x * step_x + step_y * step_y < 1e16 * residual:  # a fold: downhill will do
+            if not step_x * step_x + step_y * step_y < 1e16 * residual:  # J is singular at a fold
                 step_x, step_y = rx, ry
         else:
             step_x, step_y = 0.5 * step_x, 0.5 * step_y
@@ -288,8 +296,8 @@ def solve_point(x, y, guess_x, guess_y, waves, time, tolerance, labels, sums):
 
 @kernel
 def set_labels(x, y, labels_out):
-    """The points x, y: (N,) [m] themselves as labels, and as many more as fill the LANES; returns
-    how many there are then."""
+    """Copy the points x, y: (N,) [m] into labels, and repeat the first one up to a multiple of
+    LANES. Return the number of labels."""
     to, count = labels_out[0], x.size
     filled = -(-count // LANES) * LANES
     for i in range(count):
@@ -301,14 +309,15 @@ def set_labels(x, y, labels_out):
 
 @kernel
 def copy_labels(count, labels, labels_out):
-    """The first `count` labels, and as many more as fill the LANES; returns how many those are."""
+    """Copy the first `count` labels and fill up to a multiple of LANES. Return the number of
+    labels."""
     at = labels[0]
     return set_labels(at.x[:count], at.y[:count], labels_out)
 
 
 @kernel
 def unsolved_points(x, y, labels, tolerance):
-    """How many of the points x, y: (N,) [m] are not solved."""
+    """Number of points x, y: (N,) [m] that are not solved."""
     at, unsolved = labels[0], 0
     for i in range(x.size):
         unsolved += not is_solved(x[i], y[i], at.residual[i], tolerance)
@@ -317,8 +326,8 @@ def unsolved_points(x, y, labels, tolerance):
 
 @kernel
 def solve_others(x, y, labels, waves, time, tolerance, work, sums, heights_out, labels_out):
-    """Labels and heights of those points x, y: (N,) [m] that are not solved, one by one. Works in
-    LABELS and SUMS."""
+    """Solve the points x, y: (N,) [m] that are not solved yet, one by one, for labels and heights.
+    The workspaces are LABELS and SUMS."""
     at, to = labels[0], labels_out[0]
     for i in range(x.size):
         if not is_solved(x[i], y[i], at.residual[i], tolerance):
@@ -329,9 +338,11 @@ def solve_others(x, y, labels, waves, time, tolerance, work, sums, heights_out, 
 
 @kernel
 def solve_labels(x, y, guess, waves, time, tolerance, at_least, heights_out, labels_out):
-    """Invert the Gerstner map for up to CHUNK points x, y: (N,) [m], from guesses of their labels:
-    the LABELS, and the heights (N,) [m] above the level. Takes `at_least` so many plain steps,
-    then until the residuals are below the tolerance [m]."""
+    """Invert the Gerstner map for up to CHUNK points x, y: (N,) [m], from guesses of their labels.
+
+    Write the LABELS and the heights (N,) [m] above the level. Take at least `at_least` plain steps,
+    and more until all residuals are below the tolerance [m].
+    """
     here, there, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
     filled = copy_labels(x.size, guess, here)
     copy_labels(x.size, guess, there)

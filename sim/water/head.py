@@ -1,20 +1,21 @@
-"""Head: the pressure of the water over density * gravity, in metres; the one definition of it.
+"""Head: the pressure of the water over density * gravity, in metres.
 
-Everything that needs a pressure asks here: kernels by `solve_heads`, the rest of the package by
-`Sea.head`, which does the same. The patches' cubic of the head is made from the same sums
-(`jets`).
+This is the only definition of the pressure. Kernels call `solve_heads`, and the rest of the package
+calls `Sea.head`, which uses it. The cubic of the head over a patch comes from the same sums
+(`head_jets`).
 
-With the depth d = eta - (z - level) below the surface right above, and the phases theta at the
-label of the surface particle there, the pressure of Froude and Krylov is
+With the depth d = eta - (z - level) below the surface directly above, and the phases theta at the
+label of the surface particle there, the Froude-Krylov pressure is
 
     below (d >= 0):   h = d - sum a m (sin(theta) + k a m / 2),    m = 1 - e^(-k d)
     above (d < 0):    h = d (1 - sum k a sin(theta)),
 
-the hydrostatic one h = d everywhere. A wave's pressure dies out with depth: deep down h is the
-depth below the mean level, which is sum k a^2 / 2 below `level`. Of one wave h is Gerstner's exact
-pressure to second order (within 0.07 (k a)^2 a everywhere), of several to first; it is zero just on
-the drawn surface, where its gradient is what the particles' acceleration asks for, exactly for
-waves of one heading. Bodies do not change it: no diffraction, no radiated waves.
+and the hydrostatic one is h = d everywhere. The pressure of a wave decays with depth: deep down, h
+is the depth below the mean level, which lies sum k a^2 / 2 below `level`. For one wave, h equals
+Gerstner's exact pressure to second order (within 0.07 (k a)^2 a everywhere); for several waves, to
+first order. It is zero exactly on the drawn surface. Its gradient there matches the particles'
+acceleration, exactly for waves of one heading. Bodies do not change it: there is no diffraction and
+no radiation.
 """
 
 import numpy as np
@@ -34,15 +35,15 @@ from sim.water.gerstner import (
 )
 
 PRESSURES = ("froude-krylov", "hydrostatic")
-"""What a sea's pressure may be called."""
+"""Names of the pressures that a sea can have."""
 
 DYNAMIC = record(lost=ROW, strain=ROW)
-"""Workspace: what the decay takes of the head [m], and sum k a sin(theta)."""
+"""Workspace: the head [m] lost by the decay with depth, and sum k a sin(theta)."""
 
 
 def hydrostatic(height, above):
-    """Depth [m] of a place so far above the still level [m] below the surface, which is at a height
-    [m] above it: positive under water, zero on the surface."""
+    """Depth [m] below the surface: positive under water, zero on the surface. height: of the
+    surface; above: of the point, both above the still level [m]."""
     return height - above
 
 
@@ -51,7 +52,7 @@ depth = inline(hydrostatic)
 
 @kernel
 def wave_losses(depths, waves, time, labels, dynamic_out):
-    """DYNAMIC at the depths (N,) [m] below the first LABELS, filled up to LANES."""
+    """Compute DYNAMIC at the depths (N,) [m] below the first N LABELS; N is filled up to LANES."""
     at, d = labels[0], dynamic_out[0]
     for i in range(depths.size):
         d.lost[i], d.strain[i] = 0.0, 0.0
@@ -70,7 +71,7 @@ def wave_losses(depths, waves, time, labels, dynamic_out):
 
 @kernel
 def take_losses(depths, dynamic, heads_out):
-    """Heads (N,) [m] from depths, of which there may be more."""
+    """Heads (N,) [m] from at least N depths."""
     d = dynamic[0]
     for i in range(heads_out.size):
         here = depths[i]

@@ -1,24 +1,24 @@
-"""Head jets: the head around a place as a cubic in x, y and z, from one solve.
+"""Head jets: the head around a point as a cubic in x, y and z, from one solve.
 
-Under waves whose pressure decays the head (see `head`) is, with z' = z - level and
-s = z' - z(alpha) <= 0 the height above the surface,
+Under waves whose pressure decays, the head (see `head`) is, with z' = z - level and the height s =
+z' - z(alpha) <= 0 above the surface,
 
     h = F(alpha, s) - z',     F = sum a E sin(theta) - sum (k a^2 / 2) (1 - E)^2,    E = e^(k s),
 
-a function of the label alpha and of z'. At a fixed z' it is a function of the particles as the
-surface's height is, so the same chain rule (`jets`) turns its derivatives by label,
+a function of the label alpha and of z'. At a fixed z' it is a function of the particles, as the
+surface's height is. The same chain rule (`jets`) therefore turns its derivatives by label,
 
     h_a   = F_a - F_s z_a
     h_ab  = F_ab - (F_as z_b + F_bs z_a) + F_ss z_a z_b - F_s z_ab
     h_abc = F_abc - (F_abs z_c + ..) + (F_ass z_b z_c + ..) - F_sss z_a z_b z_c
             - (F_as z_bc + ..) + F_ss (z_a z_bc + ..) - F_s z_abc,
 
-into those by place; its derivatives by z, h_z = F_s - 1, h_zz = F_ss and h_zzz = F_sss, are such
-functions again. As directions are unit vectors, F_ss, F_ass and F_sss are traces of others, but for
-what the last sum adds.
+into derivatives by position. The derivatives by z, h_z = F_s - 1, h_zz = F_ss and h_zzz = F_sss,
+are also functions of the particles. Directions are unit vectors, so F_ss, F_ass and F_sss are
+traces of other derivatives, apart from the contribution of the second sum.
 
-Where the place is above the surface the cubic is that of the surface right below, extended: inside
-a patch that the water cuts the head then goes on smoothly beyond the surface.
+At a point above the surface, the cubic is the extension of the cubic at the surface directly below.
+Inside a patch that the water cuts, the head then continues smoothly beyond the surface.
 """
 
 import numpy as np
@@ -55,20 +55,22 @@ HEAD_JET = record(
     xxx="f8", xxy="f8", xyy="f8", yyy="f8", xxz="f8", xyz="f8", yyz="f8",
     xzz="f8", yzz="f8", zzz="f8",
 )  # fmt: skip
-"""The head [m] at a place and its derivatives there."""
+"""The head [m] at a point and its derivatives there."""
 
 DECAYED = record(
     s=ROW, lost=ROW, x=ROW, y=ROW, s_1=ROW, xx=ROW, xy=ROW, yy=ROW, xs=ROW, ys=ROW,
     xxx=ROW, xxy=ROW, xyy=ROW, yyy=ROW, xxs=ROW, xys=ROW, yys=ROW, s_2=ROW, s_3=ROW,
 )  # fmt: skip
-"""Workspace: heights s [m] above the surface, at most 0, what decay takes of the head there [m],
-and derivatives of F: s_1 all of F_s, but s_2 and s_3 only the last sum's part of F_ss and F_sss."""
+"""Workspace: heights s [m] above the surface, at most 0; the head [m] lost by the decay there; and
+derivatives of F. s_1 is all of F_s; s_2 and s_3 are only the second sum's share of F_ss and
+F_sss."""
 
 
 @kernel
 def set_depths(count, above, heights, decayed_out):
-    """Heights of the first `count` particles' places above the surface, from heights (N,) [m] of
-    both above the level: 0 for those above it, and beyond the places."""
+    """Set the heights s of the first `count` points, from the heights (N,) [m] of points and
+    surface above the level. It is 0 for points above the surface and for those that fill up the
+    LANES."""
     d = decayed_out[0]
     for i in range(above.size):
         d.s[i] = min(above[i] - heights[i], 0.0)
@@ -88,8 +90,8 @@ def clear_decayed(d, count):
 
 @inline
 def add_firsts(d, i, s, c, e, a, ka, k, dx, dy):
-    """Add one wave, of phase sine s, cosine c and decay e, to what decay takes of the head, to the
-    first derivatives, and to those of the last sum."""
+    """Add one wave, with sine s and cosine c of its phase and decay e, to the lost head, to the
+    first derivatives, and to the derivatives of the second sum."""
     lost, second = 1.0 - e, ka * ka * e
     d.lost[i] += a * lost * (s + 0.5 * ka * lost)
     d.x[i] += dx * (ka * e * c)
@@ -101,7 +103,7 @@ def add_firsts(d, i, s, c, e, a, ka, k, dx, dy):
 
 @inline
 def add_others(d, i, s, c, kka, kkka, dx, dy):
-    """Add one wave, of decayed sine s and cosine c, to the other derivatives."""
+    """Add one wave, with decayed sine s and cosine c, to the other derivatives."""
     xx, xy, yy = dx * dx, dx * dy, dy * dy
     d.xx[i] -= xx * (kka * s)
     d.xy[i] -= xy * (kka * s)
@@ -120,7 +122,8 @@ def add_others(d, i, s, c, kka, kkka, dx, dy):
 
 @kernel
 def head_sums(count, waves, time, labels, sums_out, higher_out, decayed_out):
-    """SUMS, HIGHER_SUMS and DECAYED at the first `count` LABELS, for heights that the last has."""
+    """Compute SUMS, HIGHER_SUMS and DECAYED at the first `count` LABELS, for the heights s in
+    DECAYED."""
     at, p, h, d = labels[0], sums_out[0], higher_out[0], decayed_out[0]
     clear_sums(p, count)
     clear_higher(h, count)
@@ -152,7 +155,7 @@ def vertical(d, i):
 
 @kernel
 def head_by_label(count, sums, higher, decayed, field_out):
-    """Head and its derivatives by label at a fixed height, as a FIELD."""
+    """The head and its derivatives by label at a fixed height, as a FIELD."""
     p, h, d, f = sums[0], higher[0], decayed[0], field_out[0]
     for i in range(count):
         s, ss, _, _, _ = vertical(d, i)
@@ -200,7 +203,7 @@ def slope_by_label(count, sums, higher, decayed, field_out):
 
 @inline
 def bend(p, d, i):
-    """h_zz with its slopes by place, and h_zzz."""
+    """h_zz, its derivatives by x and y, and h_zzz."""
     _, ss, xss, yss, sss = vertical(d, i)
     gx, gy = solved(p, i, xss - sss * p.z_x[i], yss - sss * p.z_y[i])
     return ss, gx, gy, sss
@@ -208,9 +211,12 @@ def bend(p, d, i):
 
 @kernel
 def gather_heads(x, y, above, labels, sums, decayed, head, slope, jets_out):
-    """HEAD_JETs (N,) at the points x, y so far above the level (N,) [m]: the head's FIELD is at
-    these points already, h_z's and what follows it are moved there, and all of them up: for places
-    above the surface, and by what the heights that the sums are for missed."""
+    """HEAD_JETs (N,) at the points x, y with heights `above` the level (N,) [m].
+
+    The FIELD of the head is already at these points. The FIELD of h_z and the higher derivatives by
+    z are shifted to them. All are then shifted vertically to the points: those above the surface,
+    and those whose heights s were taken from an inexact surface.
+    """
     at, p, d, f, g = labels[0], sums[0], decayed[0], head[0], slope[0]
     for i in range(jets_out.size):
         jet = jets_out[i]
@@ -235,8 +241,8 @@ def gather_heads(x, y, above, labels, sums, decayed, head, slope, jets_out):
 
 @kernel
 def solve_head_jets(x, y, above, near, waves, time, tolerance, jets_out):
-    """HEAD_JETs (N,) at the points x, y: (N,) [m], so far above the level (N,) [m], from particles
-    Near them (see `jets.solve_jets`)."""
+    """HEAD_JETs (N,) at the points x, y: (N,) [m] with heights `above` the level (N,) [m], from
+    particles Near them (see `jets.solve_jets`)."""
     labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
     higher, first, decayed = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, DECAYED)
     field, at_particles, at_points = np.empty(1, FIELD), np.empty(1, FIELD), np.empty(1, FIELD)

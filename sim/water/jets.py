@@ -1,17 +1,17 @@
 """Jets: the surface around a point as a cubic, from one solve.
 
-A jet is the surface's height above a point with all its derivatives up to the third. The surface is
-z(alpha) over x(alpha) (see `gerstner`). With J = dx/dalpha, derivatives by labels on the right and
-those of the surface on the left, the chain rule gives one order after the other:
+A jet is the surface's height at a point and all its derivatives up to the third. The surface is
+z(alpha) over x(alpha) (see `gerstner`). With J = dx/dalpha, derivatives by label on the right and
+derivatives of the surface on the left, the chain rule gives one order after the other:
 
     G    = J^-1 z_a                                                                  slopes
     H    = J^-1 M J^-1,    M_jk = z_jk - G_i x_i,jk                                  curvatures
     K    = J^-1 J^-1 J^-1 N,                                                         third
            N_jkm = z_jkm - G_i x_i,jkm - (x_i,jk E_im + x_i,jm E_ik + x_i,km E_ij),    E = J^-1 M.
 
-The solve ends early, at a particle near the point; the cubic is then shifted to the point. So it
-has two parts, `near_particles` and `solve_jets`: who needs no jet where the surface is out of reach
-looks between them.
+The solve stops early, at a particle near the point, and the cubic is then shifted to the point.
+There are two functions, `near_particles` and `solve_jets`, so that a caller can drop points out of
+the water's reach in between.
 """
 
 from typing import NamedTuple
@@ -41,7 +41,7 @@ JET = record(
     z="f8", z_x="f8", z_y="f8", z_xx="f8", z_xy="f8", z_yy="f8",
     z_xxx="f8", z_xxy="f8", z_xyy="f8", z_yyy="f8", label_x="f8", label_y="f8",
 )  # fmt: skip
-"""The surface's height z above the level [m] with its derivatives by place at a point, and the
+"""The surface's height z above the level [m] and its derivatives by position at a point, and the
 label of the particle there."""
 
 HIGHER_SUMS = record(
@@ -50,13 +50,13 @@ HIGHER_SUMS = record(
     x_xxx=ROW, x_xxy=ROW, x_xyy=ROW, x_yyy=ROW, y_yyy=ROW,
     sine=ROW, cosine=ROW,
 )  # fmt: skip
-"""Workspace: second and third derivatives of particles by their labels (y_xx is x_xy, y_xy is x_yy
-and so on), and the sine and cosine of one wave."""
+"""Workspace: second and third derivatives of particle positions by label (y_xx is x_xy, y_xy is
+x_yy and so on), and the sine and cosine of one wave."""
 
 
 class Near(NamedTuple):
-    """Particles near points (N,): their labels x and y and, to second order in what they miss, the
-    heights of the surface at the points above the level, all (N,) [m]."""
+    """Particles near points (N,): their labels x and y, and the heights of the surface at the
+    points above the level, exact to second order in the residual; all (N,) [m]."""
 
     label_x: NDArray[np.float64]
     label_y: NDArray[np.float64]
@@ -67,16 +67,16 @@ FIELD = record(
     z=ROW, z_x=ROW, z_y=ROW, z_xx=ROW, z_xy=ROW, z_yy=ROW,
     z_xxx=ROW, z_xxy=ROW, z_xyy=ROW, z_yyy=ROW,
 )  # fmt: skip
-"""Workspace: a function of the particles, such as the surface's height, and its derivatives, by
-label or by place."""
+"""Workspace: a function of the particles, such as the surface's height, and its derivatives by
+label or by position."""
 
 FIRST = record(z_x=ROW, z_y=ROW, m_xx=ROW, m_xy=ROW, m_yy=ROW)
-"""Workspace: slopes of a function by place, and M of the module's docstring."""
+"""Workspace: slopes of a function by position, and M of the module's docstring."""
 
 
 @inline
 def clear_higher(h, count):
-    """Set the first `count` of all higher sums to 0, in loops with few fields each."""
+    """Set the first `count` entries of all higher sums to 0, in loops with few fields each."""
     for i in range(count):
         h.x_xx[i], h.x_xy[i], h.x_yy[i], h.y_yy[i] = 0.0, 0.0, 0.0, 0.0
         h.z_xx[i], h.z_xy[i], h.z_yy[i] = 0.0, 0.0, 0.0
@@ -87,7 +87,8 @@ def clear_higher(h, count):
 
 @inline
 def add_second(h, i, s, c, dx, dy):
-    """Add one wave, of k^2 a times the phase's sine s and cosine c, to the second derivatives."""
+    """Add one wave to the second derivatives. s, c: k^2 a times the sine and cosine of its
+    phase."""
     xx, xy, yy = dx * dx, dx * dy, dy * dy
     h.z_xx[i] -= xx * s
     h.z_xy[i] -= xy * s
@@ -100,7 +101,7 @@ def add_second(h, i, s, c, dx, dy):
 
 @inline
 def add_third(h, i, s, c, dx, dy):
-    """Add one wave, of k^3 a times the phase's sine s and cosine c, to the third derivatives."""
+    """Add one wave to the third derivatives. s, c: k^3 a times the sine and cosine of its phase."""
     xx, xy, yy = dx * dx, dx * dy, dy * dy
     h.z_xxx[i] -= dx * xx * c
     h.z_xxy[i] -= dy * xx * c
@@ -115,8 +116,8 @@ def add_third(h, i, s, c, dx, dy):
 
 @kernel
 def add_wave_jet(at, p, h, count, wave, time):
-    """Add one wave to the SUMS and HIGHER_SUMS of the first `count` labels, and leave its sine and
-    cosine. Loops with few fields each, which the compiler vectorises."""
+    """Add one wave to the SUMS and HIGHER_SUMS of the first `count` labels, and store its sine and
+    cosine. The loops have few fields each, so that the compiler vectorises them."""
     turns_x, turns_y = wave.turns_x, wave.turns_y
     turns = wave.turns - wave.frequency * time
     part, dx, dy = growth(wave, time), wave.direction_x, wave.direction_y
@@ -136,7 +137,7 @@ def add_wave_jet(at, p, h, count, wave, time):
 
 @kernel
 def jet_sums(count, waves, time, labels, sums_out, higher_out):
-    """The SUMS and HIGHER_SUMS at the first `count` LABELS."""
+    """Compute the SUMS and HIGHER_SUMS at the first `count` LABELS."""
     at, p, h = labels[0], sums_out[0], higher_out[0]
     clear_sums(p, count)
     clear_higher(h, count)
@@ -158,7 +159,7 @@ def copy_heights(count, sums, higher, field_out):
 
 @kernel
 def first_derivatives(count, sums, higher, field, first_out):
-    """Slopes G by place of a FIELD by label, and the matrices M."""
+    """Slopes G by position of a FIELD by label, and the matrices M."""
     p, h, z, f = sums[0], higher[0], field[0], first_out[0]
     for i in range(count):
         gx, gy = solved(p, i, z.z_x[i], z.z_y[i])
@@ -189,8 +190,8 @@ def thirds(p, h, z, f, i):
 
 @kernel
 def third_derivatives(count, sums, higher, field, first, place_out):
-    """Third derivatives by place of a FIELD by label: loops with as few fields as can be, which
-    vectorise."""
+    """Third derivatives by position of a FIELD by label. The loop has as few fields as possible, so
+    that it vectorises."""
     p, h, z, f, s = sums[0], higher[0], field[0], first[0], place_out[0]
     for i in range(count):
         xxx, xxy, xyy, yyy = thirds(p, h, z, f, i)
@@ -208,7 +209,7 @@ def third_derivatives(count, sums, higher, field, first, place_out):
 
 @kernel
 def second_derivatives(count, sums, field, first, place_out):
-    """Value, slopes and second derivatives by place of a FIELD by label."""
+    """Value, slopes and second derivatives by position of a FIELD by label."""
     p, z, f, s = sums[0], field[0], first[0], place_out[0]
     for i in range(count):
         px, py = solved(p, i, f.m_xx[i], f.m_xy[i])
@@ -220,9 +221,9 @@ def second_derivatives(count, sums, field, first, place_out):
 
 @kernel
 def shifted(x, y, labels, sums, surface, surface_out, labels_out):
-    """The surface's derivatives, shifted from its particles to the points x, y: (N,) [m]. What is
-    left of the residual r enters the height in fourth order, the slopes in third. The labels
-    follow in first."""
+    """Shift the surface's derivatives from its particles to the points x, y: (N,) [m]. The shift by
+    the residual r leaves an error of fourth order in the height and of third order in the slopes.
+    The labels are shifted to first order."""
     at, p, s, to, new = labels[0], sums[0], surface[0], labels_out[0], surface_out[0]
     for i in range(x.size):
         rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
@@ -256,7 +257,7 @@ def shifted(x, y, labels, sums, surface, surface_out, labels_out):
 
 @kernel
 def largest_residual(x, y, labels, sums):
-    """Largest residual squared [m^2] of the points x, y at the labels that the sums are of."""
+    """Largest squared residual [m^2] of the points x, y at the labels that the sums belong to."""
     at, p, largest = labels[0], sums[0], 0.0
     for i in range(x.size):
         rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
@@ -266,7 +267,7 @@ def largest_residual(x, y, labels, sums):
 
 @kernel
 def gather_jets(surface, labels, jets_out):
-    """The jets (N,) of a chunk's points from its workspaces."""
+    """Collect the jets (N,) of a chunk's points from its workspaces."""
     s, at = surface[0], labels[0]
     for i in range(jets_out.size):
         jet = jets_out[i]
@@ -278,8 +279,8 @@ def gather_jets(surface, labels, jets_out):
 
 @kernel
 def near_particles(x, y, waves, time, steps):
-    """The particles Near the points x, y: (N,) [m], after so many plain Newton steps from the
-    points, at least one."""
+    """The particles Near the points x, y: (N,) [m], after the given number of plain Newton steps
+    from the points, at least one."""
     near = Near(np.empty(x.size), np.empty(x.size), np.empty(x.size))
     labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
     for start in range(0, x.size, CHUNK):
@@ -301,9 +302,9 @@ def near_particles(x, y, waves, time, steps):
 def solve_jets(x, y, near, waves, time, tolerance, jets_out):
     """Jets (N,) of the surface at the points x, y: (N,) [m], from particles Near them.
 
-    Where these leave a residual above the tolerance [m] the labels are solved further, so as long
-    as the steps to them suffice, jets are smooth functions of the point however loose the tolerance
-    is.
+    Where the residual exceeds the tolerance [m], the labels are solved further. As long as the
+    steps taken for `near` suffice, jets are smooth functions of the point, however loose the
+    tolerance is.
     """
     labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
     higher, first, heights = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, FIELD)

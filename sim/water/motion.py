@@ -1,8 +1,8 @@
 """Motion: how the water moves below the surface.
 
-A particle moves on the circle of the surface particle above it with the radius times
-exp(- k depth). Label and depth are those of the surface right above the point, which is exact at
-the surface and off by a relative k a at depth, where little is left of the motion.
+A particle moves on the circle of the surface particle above it, with the radius times exp(- k
+depth). Label and depth refer to the surface directly above the point. This is exact at the surface.
+At depth it has a relative error of k a, where little of the motion is left.
 """
 
 import numpy as np
@@ -21,8 +21,8 @@ VELOCITY, ACCELERATION = np.int64(0), np.int64(1)
 def water_motion(order, depths, waves, water, time, labels, motion_out):
     """Velocities or accelerations of the water at the depths (N,) [m] below the first N LABELS.
 
-    An acceleration is - omega times the velocity a quarter of a turn later. That waves grow is
-    left out: they take many periods to.
+    An acceleration is - omega times the velocity a quarter of a turn later. The growth of the waves
+    is neglected: it takes many periods.
     """
     at, v, count = labels[0], motion_out[0], depths.size
     x, y, z = 0.0, 0.0, 0.0

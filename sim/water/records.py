@@ -1,12 +1,13 @@
-"""Measured: seas from files: lists of components, and records of the elevation at a place.
+"""Records: seas from files that list wave components or record the elevation at one point.
 
 A list is a CSV file with a header: amplitude [m], wavelength [m] or period [s], heading [deg] and
-phase [deg], in any order; the last two may be missing. A record has time [s] and elevation [m].
-Units in brackets behind the names are read over.
+phase [deg], in any order. The last two are optional. A record has time [s] and elevation [m]. Units
+in brackets after the names are ignored.
 
-A record is cut into the components of its Fourier series. Their sum is only nearly the elevation at
-the place, where particles come and go, so what it misses is added to them until it is right: the
-sea gives back the record, without its mean, over its length, and repeats itself a little later.
+A record becomes the components of its Fourier series. Their sum is only close to the elevation at a
+fixed point, because particles move to and fro there. The difference is therefore added to the
+components until it vanishes. The sea then reproduces the record without its mean, and repeats
+itself slightly later than the record's length.
 """
 
 import csv
@@ -22,27 +23,27 @@ from sim.water.wave import Wave
 
 Array = NDArray[np.float64]
 
-KEPT_ENERGY = 0.99995
-"""Of a record within its band: components with the rest of it, the smallest, are left out."""
+KEPT_ENERGY_SHARE = 0.99995
+"""Share of a record's energy in its band that is kept. The smallest components are dropped."""
 
-ROUNDS = 12
-"""Times that what the sea misses is added to the components; each leaves some k a of it."""
+CORRECTION_ROUNDS = 12
+"""Number of corrections of the components. Each reduces the difference to a share of about k a."""
 
 COMPONENT_NAMES = ("amplitude", "wavelength", "period", "heading", "phase")
 
 
 def read_components(path: Path, gravity: float) -> tuple[Wave, ...]:
-    """Waves of a list of components, in water of a gravity [m/s^2]. Raises ValueError, OSError."""
+    """Read waves from a list of components. gravity [m/s^2]. Raises ValueError, OSError."""
     table = read_table(path, COMPONENT_NAMES)
     lengths = [name for name in ("wavelength", "period") if name in table]
     if "amplitude" not in table or len(lengths) != 1:
         raise ValueError(
             f"{path} has the columns {', '.join(table)}; expected amplitude, wavelength or period, "
-            "and perhaps heading and phase"
+            "and optionally heading and phase"
         )
     count = len(table["amplitude"])
     if count > MOST_WAVES:
-        raise ValueError(f"{path} has {count} components; at most {MOST_WAVES} can be")
+        raise ValueError(f"{path} has {count} components; expected at most {MOST_WAVES}")
     sizes = table[lengths[0]]
     if lengths[0] == "period":
         sizes = gravity * sizes**2 / (2.0 * np.pi)
@@ -63,14 +64,17 @@ def read_record(
     periods: tuple[float, float] = (1.0, 60.0),
     place: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Wave, ...]:
-    """Waves of one heading [rad] whose elevation at a place (x, y) [m] is that of a record, without
-    its mean, within a band of periods [s]. Raises ValueError, OSError."""
+    """Read waves of one heading whose elevation at a point follows a record without its mean.
+
+    heading [rad]; periods [s]: the band of periods; place: the point (x, y) [m]; gravity [m/s^2].
+    Raises ValueError, OSError.
+    """
     table = read_table(path, ("time", "elevation"))
     if set(table) != {"time", "elevation"}:
         raise ValueError(f"{path} has the columns {', '.join(table)}; expected time and elevation")
     times, elevations = table["time"], table["elevation"]
     if len(times) < 8 or not (np.diff(times) > 0.0).all():
-        raise ValueError(f"{path}: expected 8 or more times that rise")
+        raise ValueError(f"{path}: expected 8 or more times in rising order")
     count = len(times)
     even = np.linspace(times[0], times[-1] + (times[-1] - times[0]) / (count - 1), count, False)
     wanted = np.interp(even, times, elevations)
@@ -81,8 +85,8 @@ def read_record(
 
 
 def _bridged(values: Array) -> Array:
-    """Values (N,) and a tenth more, which lead smoothly from the end to the beginning: a series
-    repeats itself, and a step there would ring all through it."""
+    """Values (N,) and a tenth more, which lead smoothly from the end back to the beginning. The
+    series is periodic, and a step there would cause ringing all through it."""
     count = max(len(values) // 10, 4)
     onwards, before = values[-2 : -2 - count : -1], values[count:0:-1]
     u = (np.arange(count) + 1.0) / (count + 1.0)
@@ -91,7 +95,7 @@ def _bridged(values: Array) -> Array:
 
 
 class _Series:
-    """Fourier components of a record at even times (N,) [s], as waves."""
+    """Fourier components of a record at evenly spaced times (N,) [s], as waves."""
 
     def __init__(
         self,
@@ -108,17 +112,17 @@ class _Series:
         self.is_in_band = (self.omega >= low) & (self.omega <= high) & (self.omega > 0.0)
 
     def waves_of(self, wanted: Array, count: int, path: Path) -> tuple[Wave, ...]:
-        """Waves whose elevation at the place is what is wanted (N,) [m] at the first `count` times;
-        behind them it may be anything."""
+        """Waves whose elevation at the point matches `wanted` (N,) [m] at the first `count` times.
+        Later values are not matched."""
         parts = np.where(self.is_in_band, np.fft.rfft(wanted), 0.0)
         self._keep_largest(parts)
         if not self.is_in_band.any() or np.count_nonzero(self.is_in_band) > MOST_WAVES:
             raise ValueError(
                 f"{path}: {np.count_nonzero(self.is_in_band)} components lie within the band; "
-                f"expected 1 to {MOST_WAVES}: change its periods"
+                f"expected 1 to {MOST_WAVES}; change the band's periods"
             )
         parts[~self.is_in_band] = 0.0
-        for _ in range(ROUNDS):
+        for _ in range(CORRECTION_ROUNDS):
             sea = Sea(self._waves(parts), gravity=self.gravity)
             found = sea.elevation(*self.place, self.times)
             missed = wanted - (found - found[:count].mean())
@@ -127,14 +131,15 @@ class _Series:
         return self._waves(parts)
 
     def _keep_largest(self, parts: Array) -> None:
-        """Leave only the components in the band that have KEPT_ENERGY of it."""
+        """Keep only the largest components in the band, with KEPT_ENERGY_SHARE of its energy."""
         energy = np.abs(parts) ** 2
         order = np.argsort(-energy, kind="stable")
         before = np.concatenate([[0.0], np.cumsum(energy[order])[:-1]])
-        self.is_in_band[order[before >= KEPT_ENERGY * energy.sum()]] = False
+        self.is_in_band[order[before >= KEPT_ENERGY_SHARE * energy.sum()]] = False
 
     def _waves(self, parts: Array) -> tuple[Wave, ...]:
-        """One part's cosine of omega t + angle is a wave's sine of the phase that it has there."""
+        """Waves of the chosen components. A component's cos(omega t + angle) equals the wave's sine
+        with the phase pi / 2 - angle at the point."""
         chosen = np.flatnonzero(self.is_in_band)
         omega, part = self.omega[chosen], parts[chosen]
         wavenumbers = omega**2 / self.gravity
@@ -148,7 +153,7 @@ class _Series:
 
 
 def read_table(path: Path, known: Sequence[str]) -> dict[str, Array]:
-    """Columns of a CSV file with a header of known names, behind which units may stand. Raises
+    """Columns of a CSV file by name. Its header has known names, which units may follow. Raises
     ValueError, OSError."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
@@ -156,13 +161,13 @@ def read_table(path: Path, known: Sequence[str]) -> dict[str, Array]:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
     except UnicodeDecodeError:
-        raise ValueError(f"{path} is no text; expected a CSV file with a header") from None
+        raise ValueError(f"{path} is not a text file; expected a CSV file with a header") from None
     names = [cell.split("[")[0].split("(")[0].strip().lower() for cell in rows[0]] if rows else []
     unknown = [name for name in names if name not in known]
     if unknown or len(set(names)) < len(names) or len(rows) < 2:
         raise ValueError(
-            f"{path} begins with '{','.join(rows[0])[:60] if rows else ''}'; expected a line with "
-            f"the names of its columns, of {', '.join(known)}, each once, and lines of numbers"
+            f"{path} begins with '{','.join(rows[0])[:60] if rows else ''}'; expected a header "
+            f"with names from {', '.join(known)}, each at most once, then lines of numbers"
         )
     columns: list[list[float]] = []
     for line, row in enumerate(rows[1:], start=2):

@@ -1,4 +1,5 @@
-"""Samples: numbers of a sea that have no useful bound, found on particles of all phases alike."""
+"""Samples: estimates over particles of all phases, for properties of a sea that have no useful
+bound."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,10 @@ from sim.water.sea import Sea
 Array = NDArray[np.float64]
 
 SAMPLES = 2048
-"""Particles on which such numbers are found."""
+"""Number of sampled particles."""
 
 SAFETY = 1.5
-"""The worst place of the sea may be this much worse than the worst sample."""
+"""Factor by which the worst point of the sea may exceed the worst sample."""
 
 
 def still(sea: Sea) -> float:
@@ -35,15 +36,15 @@ def sample_labels(sea: Sea) -> Array:
 
 
 def sample_places(sea: Sea) -> tuple[Array, Array]:
-    """Places x, y (SAMPLES,) [m] of the samples, most of them where particles crowd, at
-    the crests."""
+    """Positions x, y (SAMPLES,) [m] of the samples, most of them where particles crowd, at the
+    crests."""
     return tuple(sea.particles(sample_labels(sea), sea.ramp)[:, :2].T.copy())
 
 
 def newton_steps(sea: Sea, error: float) -> tuple[int, float]:
-    """Newton steps, from the place itself, that bring the labels of all samples within an error [m]
-    of the true ones, and the largest residual [m] that was left before the last of them. Taking as
-    many everywhere leaves a smooth function of the place."""
+    """Number of Newton steps, from the points themselves, that bring the labels of all samples
+    within an error [m] of the true ones, and the largest residual [m] before the last step. A fixed
+    number of steps everywhere makes the result a smooth function of the position."""
     truth, (x, y) = sample_labels(sea), sample_places(sea)
     labels = np.column_stack([x, y])
     steps, missed, residual = 0, np.inf, 0.0
@@ -55,7 +56,7 @@ def newton_steps(sea: Sea, error: float) -> tuple[int, float]:
 
 
 def _stepped(sea: Sea, x: Array, y: Array, labels: Array) -> tuple[Array, float]:
-    """Labels (N, 2) one Newton step further, and the largest residual [m] before it."""
+    """Labels (N, 2) after one more Newton step, and the largest residual [m] before it."""
     guess, sums, found = np.empty(1, LABELS), np.empty(1, SUMS), np.empty(1, LABELS)
     stepped, heights, largest = np.empty_like(labels), np.empty(CHUNK), 0.0
     for start in range(0, len(labels), CHUNK):

@@ -16,7 +16,7 @@ from sim.water.gerstner import MOST_TIDES, WATER, solve_heights
 from sim.water.head import PRESSURES, solve_heads
 from sim.water.jets import JET, near_particles, solve_jets
 from sim.water.spectrum import DEFAULT_SPREAD, jonswap
-from sim.water.wave import FEW, Wave, largest_sum, wave_table
+from sim.water.wave import PLAIN_SUM_WAVES, Wave, largest_sum, wave_table
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
@@ -104,7 +104,8 @@ class Sea:
         if self.worst_steepness >= 1.0:
             raise ValueError(
                 f"the waves fold: the sum of k a over {len(waves)} waves is "
-                f"{self.worst_steepness:.3f}{' as waves meet' if len(waves) > FEW else ''} and "
+                f"{self.worst_steepness:.3f}"
+                f"{' as waves meet' if len(waves) > PLAIN_SUM_WAVES else ''} and "
                 "must stay below 1; scale all amplitudes by less than "
                 f"{1.0 / self.worst_steepness:.3f} or lengthen the waves"
             )

@@ -1,25 +1,25 @@
-"""Spectrum: spectra of irregular seas, and waves that have their energy.
+"""Spectrum: spectra of irregular seas, and waves with their energy.
 
-With peak angular frequency p, x = omega / p and significant height H the density of
-the elevation's variance is
+With peak angular frequency p, x = omega / p and significant height H, the variance density of the
+elevation is
 
     S(omega) = (H^2 / 16) / p * shape(x) / integral of shape,
     shape(x) = x^-5 exp(-5/4 x^-4) gamma^exp(-(x - 1)^2 / (2 s^2)),
 
-where s is 0.07 below the peak and 0.09 above. That is JONSWAP's; with gamma 1 it is that of Pierson
-and Moskowitz, of a fully developed sea, which Bretschneider and the ISSC take with any height and
-period. Ochi and Hubble's has a swell beside a wind sea, each with a height, a period and a
-sharpness q:
+where s is 0.07 below the peak and 0.09 above. This is the JONSWAP spectrum. With gamma 1 it is the
+Pierson-Moskowitz spectrum of a fully developed sea, which Bretschneider and the ISSC use with any
+height and period. The Ochi-Hubble spectrum has a swell and a wind sea, each with a height, a period
+and a sharpness q:
 
     S(omega) ~ sum of H^2 x^-(4q + 1) exp(-(q + 1/4) x^-4), each with the variance H^2 / 16.
 
-The integral is computed, not taken from the usual fit 1 - 0.287 ln(gamma), so that the
-zeroth moment is H^2 / 16 for any gamma. Headings spread as cos^2q of half their angle from the mean
-one, whose standard deviation is sqrt(2 / (1 + q)).
+The integral is computed, not taken from the usual fit 1 - 0.287 ln(gamma), so that the zeroth
+moment is H^2 / 16 for any gamma. Headings are distributed as cos^2q of half the angle from the mean
+heading. Their standard deviation is sqrt(2 / (1 + q)).
 
 Sources: Hasselmann et al. 1973 (JONSWAP); DNV-RP-C205, section 3.5, for the form above; Pierson and
-Moskowitz 1964; Bretschneider 1959; Ochi and Hubble 1976;
-Longuet-Higgins, Cartwright and Smith 1963 and Mitsuyasu et al. 1975 for the spreading.
+Moskowitz 1964; Bretschneider 1959; Ochi and Hubble 1976; Longuet-Higgins, Cartwright and Smith 1963
+and Mitsuyasu et al. 1975 for the spreading.
 """
 
 from dataclasses import dataclass
@@ -27,31 +27,31 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.water.wave import FEW, Wave, largest_sum
+from sim.water.wave import PLAIN_SUM_WAVES, Wave, largest_sum
 
 Array = NDArray[np.float64]
 
 FREQUENCIES = np.geomspace(0.3, 30.0, 20_001)
-"""Frequencies in peaks at which the spectrum is tabulated. Outside of them lies less than 2e-6 of
-its energy, all of it in ripples."""
+"""Frequencies at which the spectrum is tabulated, as multiples of the peak frequency. Less than
+2e-6 of its energy lies outside, all of it in ripples."""
 
 WIDEST_SPREAD = np.sqrt(2.0)
-"""Standard deviation [rad] of headings that come from everywhere alike."""
+"""Standard deviation [rad] of headings that are uniform over all directions."""
 
-MOST_WAVES, MOST_SEED = 5_000, 2**53
-"""Waves of a sea, each of which costs its time in every step; and the last seed that a custom
-numeric can tell from the next."""
+MOST_WAVES, LARGEST_SEED = 5_000, 2**53
+"""Maximum number of waves of a sea, each of which adds to the cost of every step; and the largest
+seed, above which the doubles of a custom numeric cannot tell consecutive integers apart."""
 
 DEFAULT_SPREAD = np.radians(25.0)
-"""Standard deviation [rad] of the headings of a wind sea: 10 as the exponent in cos^2q."""
+"""Standard deviation [rad] of the headings of a wind sea, with the exponent 10 in cos^2q."""
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """How the variance of a sea's elevation is spread over frequencies.
+    """The distribution of the variance of a sea's elevation over frequencies.
 
-    significant_height [m], 4 sqrt(m0); frequencies (N,) [rad/s], rising; density (N,) of the
-    variance there, up to a factor.
+    significant_height [m], 4 sqrt(m0); frequencies (N,) [rad/s], rising; density (N,): variance
+    density at the frequencies, up to a factor.
     """
 
     significant_height: float
@@ -66,10 +66,12 @@ class Spectrum:
         seed: int = 0,
         gravity: float = 9.81,
     ) -> tuple[Wave, ...]:
-        """Waves of equal amplitudes for as many bands of equal energy, in water of a gravity
-        [m/s^2]; heading [rad]: the mean one; spread [rad]: standard deviation of the headings, 0
-        for long crests; seed: of their phases and of which wave goes where. Raises ValueError for
-        numbers that cannot be and for waves that fold."""
+        """Waves of equal amplitude, one for each of `waves` bands of equal energy.
+
+        heading [rad]: mean heading; spread [rad]: standard deviation of the headings, 0 for long
+        crests; seed: of the random phases and of the assignment of headings to waves; gravity
+        [m/s^2]. Raises ValueError for invalid numbers and for waves that fold.
+        """
         _check_directions(heading, spread)
         _check_counts(waves, seed)
         rng, count = np.random.default_rng(int(seed)), int(waves)
@@ -83,7 +85,8 @@ class Spectrum:
 
 
 def jonswap(significant_height: float, peak_period: float, gamma: float = 3.3) -> Spectrum:
-    """Of a growing sea of a height [m], peak period [s] and peak enhancement. Raises ValueError."""
+    """Spectrum of a growing sea. significant_height [m]; peak_period [s]; gamma: peak enhancement.
+    Raises ValueError for invalid numbers."""
     _check_height(significant_height, peak_period)
     if not (np.isfinite(gamma) and gamma >= 1.0):
         raise ValueError(f"gamma is {gamma}; it must be finite and 1 or more (3.3 is usual)")
@@ -92,14 +95,15 @@ def jonswap(significant_height: float, peak_period: float, gamma: float = 3.3) -
 
 
 def bretschneider(significant_height: float, peak_period: float) -> Spectrum:
-    """Of a sea of any height [m] and peak period [s] without enhancement, which the ISSC takes.
-    Raises ValueError."""
+    """Spectrum of a sea without peak enhancement, as the ISSC uses it. significant_height [m];
+    peak_period [s]. Raises ValueError for invalid numbers."""
     return jonswap(significant_height, peak_period, gamma=1.0)
 
 
 def pierson_moskowitz(significant_height: float, gravity: float = 9.81) -> Spectrum:
-    """Of the fully developed sea that is so high [m]. Its peak is at 0.877 g / U rad/s and its
-    height 0.2092 U^2 / g, U being the wind 19.5 m up. Raises ValueError."""
+    """Spectrum of a fully developed sea with a significant height [m]. Its peak is at 0.877 g / U
+    rad/s and its height is 0.2092 U^2 / g for a wind speed U at 19.5 m. gravity [m/s^2]. Raises
+    ValueError for invalid numbers."""
     _check_height(significant_height, 1.0)
     wind = np.sqrt(significant_height * gravity / 0.2092)
     return bretschneider(significant_height, float(2.0 * np.pi * wind / (0.877 * gravity)))
@@ -113,8 +117,9 @@ def ochi_hubble(
     wind_sea_period: float,
     wind_sea_sharpness: float,
 ) -> Spectrum:
-    """Of a sea with two peaks, each given by its significant height [m], peak period [s] and
-    sharpness (1 is Pierson and Moskowitz', more is narrower). Raises ValueError."""
+    """Spectrum with two peaks. Each has a significant height [m], a peak period [s] and a
+    sharpness: 1 as in Pierson-Moskowitz, higher for narrower peaks. Raises ValueError for invalid
+    numbers."""
     parts = (
         (swell_height, swell_period, swell_sharpness),
         (wind_sea_height, wind_sea_period, wind_sea_sharpness),
@@ -140,9 +145,9 @@ def _shape(x: Array, gamma: float) -> Array:
 
 
 def equal_energy_frequencies(frequencies: Array, density: Array, count: int) -> Array:
-    """Angular frequencies (N,) [rad/s], rising: the middles, by energy, of `count` bands of equal
-    energy. They stand closest at the peak and in no ratio to one another, so a sum of such
-    waves repeats itself only after a very long time."""
+    """Angular frequencies (N,) [rad/s], rising: the energy medians of `count` bands of equal
+    energy. They are densest at the peak and have no simple ratios, so a sum of such waves repeats
+    itself only after a very long time."""
     steps = 0.5 * (density[1:] + density[:-1]) * np.diff(frequencies)
     energy = np.concatenate([[0.0], np.cumsum(steps)])
     middles = (np.arange(count) + 0.5) / count
@@ -150,8 +155,8 @@ def equal_energy_frequencies(frequencies: Array, density: Array, count: int) -> 
 
 
 def equal_share_angles(spread: float, count: int) -> Array:
-    """Angles (N,) [rad] from the mean heading, rising, each for an equal share of the energy;
-    spread [rad], their standard deviation, below WIDEST_SPREAD."""
+    """Angles (N,) [rad] from the mean heading, rising, with equal shares of the energy. spread
+    [rad]: their standard deviation, below WIDEST_SPREAD."""
     if spread == 0.0:
         return np.zeros(count)
     exponent = 2.0 / spread**2 - 1.0
@@ -162,15 +167,16 @@ def equal_share_angles(spread: float, count: int) -> Array:
 
 
 def _check_folding(parts: Array, height: float) -> None:
-    """Refuse waves of steepnesses (N,) that fold, with what would do. Raises ValueError."""
+    """Raise ValueError for waves of steepnesses (N,) that fold, with changes that would avoid
+    it."""
     steepness, count = largest_sum(parts), len(parts)
     if steepness < 1.0:
         return
-    met = " as waves meet" if count > FEW else ""
+    met = " as waves meet" if count > PLAIN_SUM_WAVES else ""
     raise ValueError(
         f"the waves of this sea fold: the sum of k a over {count} waves is {steepness:.3f}{met} "
         f"and must stay below 1; lower the significant height below {height / steepness:.3g} m, "
-        f"make the period {np.sqrt(steepness):.3g} times as long, or take some "
+        f"make the period {np.sqrt(steepness):.3g} times as long, or use about "
         f"{max(1, int(0.9 * count / parts.sum() ** 2))} waves"
     )
 
@@ -193,7 +199,7 @@ def _check_directions(heading: float, spread: float) -> None:
 
 def _check_counts(waves: int, seed: int) -> None:
     for name, value, least, most in (
-        ("number of waves", waves, 1, MOST_WAVES), ("seed", seed, 0, MOST_SEED)
+        ("number of waves", waves, 1, MOST_WAVES), ("seed", seed, 0, LARGEST_SEED)
     ):  # fmt: skip
         if not (least <= value <= most and value == int(value)):
             raise ValueError(

@@ -1,4 +1,4 @@
-"""Wave: one Gerstner wave as people give it, and a table of many as kernels read it."""
+"""Wave: one Gerstner wave as users describe it, and a table of waves as kernels read them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,20 +10,21 @@ from sim.kernels import read_only
 from sim.water.gerstner import WAVE
 
 SIGMAS = 7.0
-"""Standard deviations that sums of waves, in J, the head's slope and heights, are taken to stay in.
-Sums of sines have thinner tails than the normal distribution, by which seven are passed by one
-independent place and time in 4e10: a hull of ten by ten wavelengths meets 5e4 of these an hour."""
+"""Bound on sums of waves (in J, the head's slope and heights), in standard deviations. Sums of
+sines have thinner tails than the normal distribution, in which one crest in 4e10 exceeds seven
+standard deviations. A hull of ten by ten wavelengths meets 5e4 crests an hour."""
 
-FEW = 25
-"""Waves of one steepness up to which their plain sum is less than SIGMAS standard deviations."""
+PLAIN_SUM_WAVES = 25
+"""Number of equally steep waves up to which their plain sum is the smaller bound. For more waves,
+SIGMAS standard deviations are less."""
 
 
 @dataclass(frozen=True)
 class Wave:
     """One Gerstner wave on deep water.
 
-    amplitude [m]; wavelength [m], crest to crest; heading [rad], the direction it travels in, from
-    +x towards +y; phase [rad] at the origin at time 0. Raises ValueError.
+    amplitude [m]; wavelength [m], crest to crest; heading [rad]: direction of travel, from +x
+    towards +y; phase [rad] at the origin at time 0. Raises ValueError for invalid numbers.
     """
 
     amplitude: float
@@ -39,7 +40,7 @@ class Wave:
         if self.amplitude < 0:
             raise ValueError(
                 f"wave amplitude is {self.amplitude} m; it must be 0 or more "
-                "(to turn a wave upside down add pi to its phase)"
+                "(to turn a wave upside down, add pi to its phase)"
             )
         if self.wavelength <= 0:
             raise ValueError(f"wavelength is {self.wavelength} m; it must be above 0")
@@ -56,8 +57,8 @@ class Wave:
 
 
 def largest_sum(parts: Sequence[float]) -> float:
-    """How large a sum of waves becomes, each of which adds a sine of such an amplitude: all of them
-    at once, or SIGMAS standard deviations where that is less, as it is of more than FEW."""
+    """The largest value of a sum of sines with the amplitudes `parts`: all of them at once, or
+    SIGMAS standard deviations where that is less."""
     return float(min(np.sum(parts), SIGMAS * np.sqrt(0.5 * np.sum(np.square(parts)))))
 
 
@@ -67,8 +68,8 @@ def wave_table(
     current: Sequence[float] = (0.0, 0.0),
     ramp: float = 0.0,
 ) -> NDArray[np.void]:
-    """WAVE records (N,), read-only: of waves that ride on a current [m/s] and take a ramp [s] to
-    grow."""
+    """WAVE records (N,), read-only. gravity [m/s^2]; current [m/s]: velocity of the water that
+    carries the waves; ramp [s]: time in which they grow."""
     table = np.zeros(len(waves), WAVE)
     for row, wave in zip(table, waves, strict=True):
         k, amplitude = wave.wavenumber, wave.amplitude

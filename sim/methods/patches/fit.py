@@ -1,8 +1,8 @@
-"""Fit: how few points of a sea have to be solved, for what error.
+"""Fit: how few points of a sea must be solved for a given error.
 
-Numbers that have no useful bound, such as over what distance a jet holds, are found on samples of
-the sea (see `water.samples`). Where many waves would have to conspire, bounds are several times too
-careful.
+Some quantities have no useful bound, such as the distance over which a jet holds. They are
+estimated from samples of the sea (see `water.samples`). Bounds are several times too cautious where
+many waves would have to coincide.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,59 +21,64 @@ from sim.water.sea import Sea
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
 
-DISC, DECAYING_DISC = 0.65, 0.3
-"""Jets are fitted over a disc of so many radii of the largest patch allowed: seen from above, most
-of a patch is near its middle. The wrench's errors were smallest so, among 0.4 to 1.1 for
-hydrostatic pressure and 0 to 1 for one that decays: that is nearly a harmonic function, of which
-Taylor's cubic is the best one over a ball."""
+DISC_RADII, DECAYING_DISC_RADII = 0.65, 0.3
+"""Radius of the disc over which jets are fitted, in radii of the largest patch allowed: for
+hydrostatic pressure, and for pressure that decays with depth. Seen from above, most of a patch is
+near its middle. These values gave the smallest errors of the wrench among 0.4 to 1.1 and among 0 to
+1. A decaying head is nearly a harmonic function, for which Taylor's cubic is the best one over a
+ball."""
 
-WIDE = 3.0
-"""Radii of a patch over a wavelength, times 2 pi, above which a wave is fitted over all of it: no
-cubic follows it, and one that fits its middle would be far off at the rim."""
+WIDE_PHASE = 3.0
+"""Phase [rad] of a wave over a patch's radius, k radius, above which the wave is fitted over the
+whole patch. No cubic follows such a wave, and one that fits its middle would be far off at the
+rim."""
 
 DIRECTIONS, RINGS = 8, (0.25, 0.5, 0.75, 1.0)
-"""Directions and distances, in radii, in which jets are tried on the samples of the sea."""
+"""Number of directions, and distances in radii, in which jets are tried at the samples of the
+sea."""
 
-DIPS = tuple(np.radians([-90.0, -45.0, 0.0, 45.0]))
-"""Slopes of these directions, where jets are tried below the surface."""
+DIP_ANGLES = tuple(np.radians([-90.0, -45.0, 0.0, 45.0]))
+"""Inclinations [rad] of these directions, where jets are tried below the surface."""
 
 SURFACE_TERMS = {name: name[2:] for name in JET.names if name[0] == "z"}
 HEAD_TERMS = {name: name.replace("h", "") for name in HEAD_JET.names}
-"""Fields of jets, and the axes of the derivatives that they are."""
+"""For each field of a jet, the axes of its derivative."""
 
-MOST_TURNS = 1000.0
-"""Radii of a disc over a wavelength, times 2 pi, above which a fit takes them for so many."""
+MOST_PHASE = 1000.0
+"""Largest phase [rad] over a disc's radius, k radius, in a fit. A fit takes larger ones as this."""
 
-RADII = 40
-"""Radii that are tried at most: a tolerance near round-off is met by none."""
+MOST_RADIUS_TRIALS = 40
+"""Maximum number of radii that are tried. A tolerance near round-off is met by none."""
 
-NO_LESS, NO_MORE = 0.9, 1.05
-"""An error is as large as another of which it is so much: waves that are shorter than patches are
-missed as a whole, however large these are, and radii are halved until they are longer. And a radius
-is as small as another over which it is so much, where that was halved too often."""
+EQUAL_ERROR_RATIO, EQUAL_RADIUS_RATIO = 0.9, 1.05
+"""Ratios at which a search for a radius counts two values as equal. An error of at least 0.9 of the
+last one has not fallen: waves shorter than the patches are missed as a whole, however large the
+patches are, so the radius is halved until it is shorter than the waves. A next radius of less than
+1.05 of the best one is no improvement, and the search ends."""
 
-SHIFT = 0.05
-"""A jet may come from a particle so many radii away from the patch's centre: the solve for it then
-ends early, and patches are by that much smaller."""
+CENTRE_SHIFT_RADII = 0.05
+"""Distance, in patch radii, between a patch's centre and the particle that its jet may come from.
+The solve can then stop early, and patches are smaller by this share."""
 
 
 def fitted_waves(sea: Sea, radius: float | Array) -> Table:
-    """Components whose jets are cubics that fit best over a disc of a radius [m], or of one for
-    each wave, instead of Taylor's, which are best in its centre and several times worse at its rim.
+    """Components of the sea whose jets are the best cubics over a disc, instead of Taylor's cubics.
+    Taylor's are best at the centre and several times worse at the rim. radius [m]: of the disc, one
+    for all waves or one for each.
 
-    Along its direction each wave is replaced by the cubic next to it in the mean square over
-    the disc. With s the place over the radius and u = k radius that is
+    Along its direction, each wave is replaced by the cubic closest to it in the mean square over
+    the disc. With the position s over the radius, and u = k radius, this is
 
         cos(u s) ~ b0 + b2 (4 s^2 - 1),        sin(u s) ~ 2 b1 s + b3 (8 s^3 - 4 s),
 
-    Chebyshev's polynomials of the second kind, whose weight is that of a disc seen from the
-    side; value and derivatives in the centre follow (economised series: Lanczos 1938).
-    Products of waves stay Taylor's. Slopes and offsets are changed so much alike that a
-    label's Newton steps still shrink the residual, by a third or more, in any sea.
+    Chebyshev polynomials of the second kind, whose weight is that of a disc seen from the side.
+    Value and derivatives at the centre follow (economised series: Lanczos 1938). Products of waves
+    remain Taylor's. Slopes and offsets change nearly alike, so the Newton steps to a label still
+    reduce the residual, by a third or more, in any sea.
     """
     fitted = sea.components.copy()
-    # beyond MOST_TURNS the coefficients are below 1e-4 of the amplitude: the disc averages it out
-    u = np.minimum(fitted["wavenumber"] * radius, MOST_TURNS)[:, None]
+    # beyond MOST_PHASE the wave averages out: the coefficients are below 1e-4 of the amplitude
+    u = np.minimum(fitted["wavenumber"] * radius, MOST_PHASE)[:, None]
     count = 32 + 2 * int(u.max(initial=0.0))  # enough to resolve the shortest wave
     angles = np.pi * np.arange(1, count) / count
     s, weights = np.cos(angles), 2.0 / count * np.sin(angles)
@@ -88,29 +93,29 @@ def fitted_waves(sea: Sea, radius: float | Array) -> Table:
 
 
 def jet_waves(sea: Sea, radius: float) -> Table:
-    """The fitted components of which jets over patches of a radius [m] are made."""
-    share = DISC if sea.pressure == "hydrostatic" else DECAYING_DISC
-    is_short = sea.components["wavenumber"] * radius > WIDE
+    """The fitted components for jets over patches of a radius [m]."""
+    share = DISC_RADII if sea.pressure == "hydrostatic" else DECAYING_DISC_RADII
+    is_short = sea.components["wavenumber"] * radius > WIDE_PHASE
     return fitted_waves(sea, radius * np.where(is_short, 1.0, share))
 
 
 def jet_radius(
     sea: Sea, tolerance: float, largest: float, smallest: float = 0.0
 ) -> tuple[float, float]:
-    """Radius [m] up to which a fitted jet of the sea is right to the tolerance [m], from `largest`
-    to `smallest` [m], and what is kept there [m]: more than the tolerance at the smallest where no
-    radius will do. inf and 0 on flat water.
+    """Radius [m], between `smallest` and `largest`, up to which fitted jets of the sea keep the
+    tolerance [m], and the tolerance [m] kept at that radius. If no radius keeps it, the result is
+    `smallest` and the larger tolerance kept there. Flat water gives inf and 0.
 
-    A bound from the fourth derivatives would do as well, but where many waves would have to
-    conspire it asks for several times too many patches. So jets are tried where particles
-    are, all phases alike, and the worst error found, times SAFETY, has to pass: on the outermost
-    ring, where it mostly is, and then on all.
+    A bound from the fourth derivatives would need several times too many patches, because it
+    assumes that many waves coincide. Instead, jets are tried at particles of all phases, and the
+    largest error found times SAFETY must pass: first on the outermost ring, where it usually is,
+    then on all rings.
     """
     if not sea.components.size:
         return np.inf, 0.0
     radius, error = largest, np.inf
     good, kept, bad = 0.0, np.inf, np.inf
-    for _ in range(RADII):
+    for _ in range(MOST_RADIUS_TRIALS):
         last, is_last = error, radius <= smallest
         error = jet_tolerance(sea, radius, RINGS[-1:])
         if error <= tolerance or is_last:
@@ -121,27 +126,29 @@ def jet_radius(
             bad = radius
         if good >= largest or (is_last and not good):
             break
-        # error ~ radius^4 where it is small; a hair less, so that the next try passes
+        # the error goes as radius^4 where it is small; 0.99 lets the next radius pass
         if good:
             radius = min(0.99 * good * (tolerance / kept) ** 0.25, np.sqrt(good * bad))
-            if radius < NO_MORE * good:
+            if radius < EQUAL_RADIUS_RATIO * good:
                 break
         else:
             shrunk = 0.99 * (tolerance / error) ** 0.25
-            shrunk = shrunk if error < NO_LESS * last else min(shrunk, 0.5)
+            shrunk = shrunk if error < EQUAL_ERROR_RATIO * last else min(shrunk, 0.5)
             radius = max(radius * shrunk, smallest)
     return (good, kept) if good else (radius, error)
 
 
 def jet_tolerance(sea: Sea, radius: float, rings: Sequence[float] = RINGS) -> float:
-    """Tolerance [m] to which the fitted jets of a sea are right over patches of a radius [m], as
-    far as rings of so many radii tell."""
+    """Tolerance [m] that the fitted jets of a sea keep over patches of a radius [m], judged on
+    rings at distances in radii."""
     find_error = jet_error if sea.pressure == "hydrostatic" else head_jet_error
-    return SAFETY * find_error(sea, jet_waves(sea, radius), (1.0 + SHIFT) * radius, rings)
+    return SAFETY * find_error(
+        sea, jet_waves(sea, radius), (1.0 + CENTRE_SHIFT_RADII) * radius, rings
+    )
 
 
 def jets_of(sea: Sea, waves: Table, x: Array, y: Array) -> Table:
-    """JETs (N,) of waves of a sea, its own or fitted ones, at places x, y: (N,) [m]."""
+    """JETs (N,) at the points x, y: (N,) [m], of the sea's own waves or fitted ones."""
     jets, time = np.empty(x.size, JET), sea.ramp
     near = near_particles(x, y, waves, time, 1)
     solve_jets(x, y, near, waves, time, float(sea.water["tolerance"][0]), jets)
@@ -149,8 +156,8 @@ def jets_of(sea: Sea, waves: Table, x: Array, y: Array) -> Table:
 
 
 def jet_error(sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS) -> float:
-    """Largest error [m] of the surface's jets at the samples, of fitted waves, on rings of so many
-    times a radius [m] around them."""
+    """Largest error [m] of the surface's jets of fitted waves, at the samples, on rings around them
+    at distances in units of the radius [m]."""
     x, y = sample_places(sea)
     jets = fields_of(jets_of(sea, waves, x, y), SURFACE_TERMS)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
@@ -164,8 +171,8 @@ def jet_error(sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RI
 
 
 def head_jets(sea: Sea, waves: Table, x: Array, y: Array, above: Array) -> Table:
-    """HEAD_JETs (N,) of waves of a sea, its own or fitted ones, at places x, y, so far
-    above the level, all (N,) [m]."""
+    """HEAD_JETs (N,) at the points x, y with heights `above` the level, all (N,) [m], of the sea's
+    own waves or fitted ones."""
     jets, time = np.empty(x.size, HEAD_JET), sea.ramp
     near = near_particles(x, y, waves, time, 1)
     solve_head_jets(x, y, above, near, waves, time, float(sea.water["tolerance"][0]), jets)
@@ -173,9 +180,9 @@ def head_jets(sea: Sea, waves: Table, x: Array, y: Array, above: Array) -> Table
 
 
 def head_jet_error(sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS) -> float:
-    """The same of the head's jets, at the samples and up to two radii below and one above them.
-    Above the water is no head to be right about, but what is there must not be taken to be below.
-    """
+    """Largest error [m] of the head's jets of fitted waves, as in `jet_error`, at the samples and
+    from two radii below to 0.7 radii above them. Above the water, only a positive head counts as an
+    error."""
     x, y = sample_places(sea)
     share = np.resize(np.linspace(-2.0, 1.0, 7), x.size)
     above = sea.elevation(x, y, sea.ramp) - still(sea) + radius * np.minimum(share, 0.0)
@@ -183,7 +190,7 @@ def head_jet_error(sea: Sea, waves: Table, radius: float, rings: Sequence[float]
     jets = fields_of(head_jets(sea, waves, x, y, above), HEAD_TERMS)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     worst = 0.0
-    for ring, angle, dip in product(rings, angles, DIPS):
+    for ring, angle, dip in product(rings, angles, DIP_ANGLES):
         dx, dy = (ring * radius * np.cos(dip) * f(angle) for f in (np.cos, np.sin))
         dz = ring * radius * np.sin(dip)
         found = sea.head(x + dx, y + dy, still(sea) + above + dz, sea.ramp)
@@ -199,8 +206,8 @@ def fields_of(jets: Table, terms: Mapping[str, str]) -> Array:
 
 
 def taylor_weights(terms: Mapping[str, str], step: Mapping[str, float]) -> Array:
-    """Weights (T,) of terms, each a derivative along such axes, in a Taylor series over a step [m]
-    along each axis."""
+    """Weights (T,) of the terms in a Taylor series over a step [m] along each axis. A term is given
+    by the axes of its derivative."""
     return np.array(
         [prod(step[a] ** axes.count(a) / factorial(axes.count(a)) for a in step)
          for axes in terms.values()]
@@ -208,24 +215,24 @@ def taylor_weights(terms: Mapping[str, str], step: Mapping[str, float]) -> Array
 
 
 def longest_edge(sea: Sea, waves: Table, tolerance: float) -> float:
-    """Edge [m] up to which heads of jets of fitted waves, linear over a triangle, are right to the
-    tolerance [m] of what the jets say.
+    """Edge [m] of a triangle up to which linear interpolation of the heads from jets of fitted
+    waves is within the tolerance [m].
 
-    Linear interpolation within a circle of radius r misses M r^2 / 2, M being the largest second
-    derivative, and r is at most the edge over the root of 3.
+    Linear interpolation within a circle of radius r has an error of at most M r^2 / 2, where M is
+    the largest second derivative, and r is at most the edge over the root of 3.
     """
     bend = largest_bend(sea, waves)
     return float(np.sqrt(6.0 * tolerance / bend)) if bend > 0.0 else np.inf
 
 
 def edge_tolerance(sea: Sea, waves: Table, edge: float) -> float:
-    """Tolerance [m] to which heads of jets are right, linear over triangles of an edge [m]."""
+    """Error [m] of linear interpolation of the heads from jets over triangles with an edge [m]."""
     return largest_bend(sea, waves) * edge**2 / 6.0
 
 
 def largest_bend(sea: Sea, waves: Table) -> float:
-    """Largest second derivative [1/m] of the head in any direction that jets of fitted waves have,
-    at the samples, times SAFETY; 0 without waves."""
+    """Largest second derivative [1/m] of the head from jets of fitted waves, in any direction, at
+    the samples, times SAFETY; 0 without waves."""
     if not waves.size:
         return 0.0
     x, y = sample_places(sea)

@@ -1,33 +1,33 @@
-"""Patches: the work follows the sea, not the mesh.
+"""Patches: a method whose work depends on the sea, not on the mesh.
 
 Over a small region the head is a cubic: its value and derivatives up to the third at a point, its
-*jet*, from one Newton solve. It is not Taylor's cubic, but nearly the
-best one over the region (`water.fit`), at the same cost. In the body frame the head above a
-place d from the region's centre is then a polynomial
+*jet*, from one Newton solve. The cubic is not Taylor's but nearly the best one over the region
+(`fit`), at the same cost. In the body frame, the head at d from the region's centre is then a
+polynomial
 
     head(d) = h + G . d + d . Q d / 2 + C(d, d, d) / 6
 
-(for hydrostatic pressure, whose jet is the surface's: h = elevation - z, G = R^T (slope, -1),
-Q = R^T diag(curvature, 0) R, C the third derivatives turned likewise), and the wrench of a piece of
-surface that is wet all over is linear in its twenty coefficients, with integrals over that piece as
-factors, which are known beforehand: its *moments*.
+(for hydrostatic pressure, whose jet is the surface's: h = elevation - z, G = R^T (slope, -1), Q =
+R^T diag(curvature, 0) R, and C the third derivatives rotated in the same way). The wrench of a
+piece of surface that is wet all over is linear in the twenty coefficients of the polynomial. The
+factors are integrals over the piece, its *moments*, which are computed in advance.
 
-Once, when hull and sea are known, the hull is cut into *patches* small enough for the
-jet to hold to the tolerance (`fit.jet_radius`), each with a tree of nodes below it
-(`patch_tree`). A step is then
+For a given hull and sea, the hull is cut once into *patches* small enough for the jet to keep the
+tolerance (`fit.jet_radius`). Each has a tree of nodes below it (`tree`). A step then has three
+stages:
 
-1. one jet for each patch, all together (none for a patch above the highest crest, nor for one that
-   turns out to be out of the water's reach when the height of the surface is known);
-2. for each patch a walk through its tree: a node that is surely dry adds nothing, one that is
-   surely wet its moments times the coefficients, and only nodes on the waterline are opened;
-3. at the leaves, heads of the vertices from the polynomial and the straight clip.
+1. One jet for each patch, all together. A patch above the highest crest has none, nor a patch that
+   is out of the water's reach once the height of the surface is known.
+2. A walk through the tree of each patch. A node that is surely dry adds nothing. A node that is
+   surely wet adds its moments times the coefficients. Only nodes on the waterline are opened.
+3. At the leaves, heads of the vertices from the polynomial and the straight clip.
 
-The work grows with the number of wavelets under the hull and the length of the waterline, not
-with the number of triangles, and no sine or cosine is taken outside of step 1.
+The work grows with the number of small waves under the hull and the length of the waterline, not
+with the number of triangles. Only stage 1 computes sines and cosines.
 
-In an opened leaf heads are linear over each triangle. What the polynomial has beyond that is
-added in proportion to how much of the leaf is wet, so a leaf that comes to be wet all over has
-the very value of its moments, and forces do not jump when nodes open or close.
+In an opened leaf, heads are linear over each triangle. The terms of the polynomial beyond that are
+added in proportion to the wet share of the leaf. A leaf that becomes wet all over then has exactly
+the value of its moments, and forces do not jump when nodes open or close.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ from sim.hulls.triangle import clip_dry_part
 from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
 from sim.methods.linear import write_turned
 from sim.methods.method import Compiled, Kernel, Part, Place, Settings
-from sim.methods.patches.fit import SHIFT, jet_waves, steepest_slope
+from sim.methods.patches.fit import CENTRE_SHIFT_RADII, jet_waves, steepest_slope
 from sim.methods.patches.polynomial import (
     BENDING,
     LINEAR,
@@ -80,21 +80,22 @@ Array = NDArray[np.float64]
 Table = NDArray[np.void]
 
 INSTANCE = record(pose="i8", row="i8", first="i8", end="i8", tree="i8")
-"""A hull of a batch: rows of its pose and its wrench, its first patch and where they end, and the
-number of its tree."""
+"""A hull of a batch: rows of its pose and its wrench, its first patch and the end of its patches,
+and the number of its tree."""
 
 SOLVE = record(steps="i8", residual="f8", waves="i8", reach="f8")
-"""Newton steps to a jet and the residual [m] that it may keep; how many waves the sea has; and how
-many radii above the surface, as it is over its centre, a patch is out of the water's reach."""
+"""steps: number of Newton steps to a jet; residual [m] that is allowed after them; waves: number of
+waves of the sea; reach: height above the surface, in radii of a patch, beyond which the patch is
+out of the water's reach. The surface is taken above the patch's centre."""
 
 CHOSEN = record(patch="i8", instance="i8", pose="i8")
-"""A patch that the water could reach, of an instance with a pose."""
+"""A patch that the water could reach, its instance and its pose."""
 
 FOUND = record(node="i8", chosen="i8")
-"""What a walk finds: a wet node, or the leaf of an opened one, and whose patch it is."""
+"""Result of a walk: a wet node or the leaf of an opened one, and the number of its chosen patch."""
 
 CUT = record(code="i8", opened="i8")
-"""A triangle that the waterline cuts, as `triangle_codes` has it, and the leaf that it is in."""
+"""A triangle that the waterline cuts, as in `triangle_codes`, and the number of its opened leaf."""
 
 
 class Water(NamedTuple):
@@ -106,7 +107,7 @@ class Water(NamedTuple):
 
 
 class Points(NamedTuple):
-    """Centres of patches: x and y in the world, and how far they are above the level, (N,) [m]."""
+    """Centres of patches: x and y in the world, and heights above the level, (N,) [m]."""
 
     x: Array
     y: Array
@@ -116,18 +117,16 @@ class Points(NamedTuple):
 class Patches(Compiled):
     """Wrench of a hull in a sea from jets over patches.
 
-    tolerance [m of water height]: the head inside a patch is right to it, everywhere in the water
-    and always; None for the default, which leaves an error of less than 1e-3 of the displaced
-    water's weight in the force, or for what can be kept of it (see `patch_sizes`). Raises
-    ValueError for a tolerance that is not positive or asks for too many patches.
+    tolerance [m of water height]: bound on the error of the head inside every patch, at all times.
+    None for the default, which leaves an error of the force of less than 1e-3 of the displaced
+    water's weight, or for the nearest tolerance that can be kept (see `sizes`). Raises ValueError
+    for a tolerance that is not positive or needs too many patches.
 
-    is_coarse: whether it is the latter; tree: the hull cut for this sea; radius [m]: of the largest
-    patch allowed, inf on flat water; fitted: the sea's components that this hull's jets are made
-    of, those that the radius was found with. Over smaller discs the error may be larger, where a
-    wave is shorter than a patch.
+    is_coarse: whether the default could not be kept; tree: the hull cut for this sea; radius [m]:
+    of the largest patch allowed, inf on flat water; fitted: the components of the sea from which
+    this hull's jets are made, as in the search for the radius. Fits over smaller discs can have
+    larger errors where a wave is shorter than a patch.
     """
-
-    takes_tolerance = True
 
     def __init__(self, hull: Hull, sea: Sea, tolerance: float | None = None) -> None:
         if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
@@ -141,9 +140,9 @@ class Patches(Compiled):
         if self.is_coarse:
             self.notes = (
                 f"the water's height is kept to {self.tolerance:.2g} m instead of "
-                f"{default_tolerance(hull):.2g}, as much as {len(self.tree.patches)} patches can "
-                "in waves so steep or so short; a buoyancy_tolerance of your own is kept or "
-                "refused",
+                f"{default_tolerance(hull):.2g} m: {len(self.tree.patches)} patches cannot follow "
+                "waves this steep or short more closely; a buoyancy_tolerance that you set is "
+                "kept or refused",
             )
         self.fitted = jet_waves(sea, self.radius)
         self._prepare()
@@ -158,11 +157,11 @@ class Patches(Compiled):
 
     @classmethod
     def parts(cls, methods: Sequence[Self], places: Sequence[Place], count: int) -> list[Part]:
-        """Hulls with the same tree share it; all parts share one block. Raises ValueError for hulls
-        of different seas."""
+        """Hulls with the same tree share it, and all parts share one block. Raises ValueError for
+        hulls in different seas."""
         sea = methods[0].sea
         if any(method.sea is not sea for method in methods):
-            raise ValueError("the hulls of a batch float in one sea; make a batch for each sea")
+            raise ValueError("hulls of a batch must float in one sea; make a batch for each sea")
         of_trees = list({id(method.tree): method for method in methods}.values())
         numbers = {id(method.tree): i for i, method in enumerate(of_trees)}
         first = np.cumsum([0] + [len(method.tree.patches) for method in of_trees])
@@ -174,10 +173,13 @@ class Patches(Compiled):
             ],
             INSTANCE,
         )
-        residual = SHIFT * min(method.tree.patches["radius"].max() for method in methods)
+        residual = CENTRE_SHIFT_RADII * min(
+            method.tree.patches["radius"].max() for method in methods
+        )
         steps, _ = newton_steps(sea, residual / SAFETY)
         slope = steepest_slope(sea)
-        reach = np.hypot(1.0, slope) + SHIFT * slope  # the heights are those of particles near by
+        # the heights are those of nearby particles, hence the shift
+        reach = np.hypot(1.0, slope) + CENTRE_SHIFT_RADII * slope
         solve = np.array([(steps, residual, len(sea.components), reach)], SOLVE)
         waves = np.concatenate([method.fitted for method in of_trees])
         block = packed(*joined([m.tree for m in of_trees]), waves, sea.water, solve)
@@ -189,9 +191,9 @@ class Patches(Compiled):
     def heads_at_vertices(
         self, position: ArrayLike, rotation: ArrayLike, time: float
     ) -> tuple[Array, Array]:
-        """What the patches take for the heads at the vertices of all their triangles, for looking
-        at their error: places (N, 3) [m] in the world and heads (N,) [m] there, NaN out of the
-        water's reach."""
+        """Heads from the patches' polynomials at the vertices of all their triangles, to measure
+        their error: points (N, 3) [m] in the world and heads (N,) [m] there, NaN out of the water's
+        reach."""
         positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
         rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
         chosen, reached = polynomials_of(*self._alone, positions, rotations, float(time))
@@ -227,7 +229,7 @@ def water_of(block):
 
 @kernel
 def most_patches(instances):
-    """How many patches the instances have together."""
+    """Number of patches of all instances together."""
     count = 0
     for i in range(instances.size):
         count += instances[i].end - instances[i].first
@@ -238,8 +240,8 @@ def most_patches(instances):
 def patches_below_crests(
     patches, instances, water, time, positions, rotations, points_out, chosen_out
 ):
-    """All patches that the highest crest could reach: their centres, and who they are. Returns how
-    many."""
+    """Find all patches that the highest crest could reach: their centres and their CHOSEN rows.
+    Return their number."""
     level, _ = level_and_rise(water, time)
     count = 0
     for i in range(instances.size):
@@ -257,7 +259,7 @@ def patches_below_crests(
 
 @inline
 def end_of_tree(start, chosen, instances):
-    """Where the run of chosen patches ends that are of the same tree as that at `start`."""
+    """The end of the run of chosen patches with the same tree as the patch at `start`."""
     tree, end = instances[chosen[start].instance].tree, start
     while end < chosen.size and instances[chosen[end].instance].tree == tree:
         end += 1
@@ -266,13 +268,14 @@ def end_of_tree(start, chosen, instances):
 
 @kernel
 def walk(tree, chosen, polynomials, wet_out, opened_out):
-    """Walk the trees of the chosen patches: the surely wet nodes, and the leaves that the waterline
-    may cross, FOUND both; returns how many of each."""
+    """Walk the trees of the chosen patches. Find the surely wet nodes and the leaves that the
+    waterline may cross, both as FOUND, and return how many of each."""
     wet_count, opened_count = 0, 0
     for i in range(chosen.size):
         p, patch = polynomials[i], tree.patches[chosen[i].patch]
-        # the middle of the box of points in a ball is at most 1.1 radii from the ball's, and so
-        # 2.1 from a point: of the cubic around it 3 C(middle, u, u) + C(u, u, u)
+        # The box around points in a ball has its middle at most 1.1 radii from the ball's centre,
+        # and so at most 2.1 radii from any point. Around that middle the cubic contributes
+        # 3 C(middle, u, u) + C(u, u, u).
         bend = p.bound_2 + (3.0 * 1.1 + 2.1) * patch.radius * p.bound_3
         node, end = patch.first, patch.end
         while node < end:
@@ -297,8 +300,9 @@ def walk(tree, chosen, polynomials, wet_out, opened_out):
 
 @inline
 def add_products(factors, first, count, rows, sums_out, at):
-    """Add the products of a (6, count) array with a vector's part to the sums of an instance."""
-    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # in registers, unlike the sums
+    """Add the product of rows (6, count) and the factors from number `first` on to the sums of an
+    instance."""
+    b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # kept in registers, unlike the sums
     for i in range(count):
         f = factors[first + i]
         b0 += f * rows[0, i]
@@ -360,9 +364,9 @@ def wet_vertices(heads, n):
 
 @inline
 def add_wet_vertices(heads, n, leaf, sums_out, at):
-    """Add the sum over a leaf's wet vertices to an instance's sums, and return which share of the
-    leaf is wet: the sum of the heads above 0 over that of all heads' sizes, 0 for a dry leaf, 1
-    for a wet one, and continuous in between."""
+    """Add the sum over a leaf's wet vertices to an instance's sums, and return the wet share of the
+    leaf: the sum of the positive heads over the sum of all heads' magnitudes. It is 0 for a dry
+    leaf, 1 for a wet one, and continuous in between."""
     b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     wet, total = 0.0, 0.0
     for v in range(LEAF_VERTICES):
@@ -381,10 +385,10 @@ def add_wet_vertices(heads, n, leaf, sums_out, at):
 
 @summing_kernel
 def add_opened_leaves(opened, leaves, chosen, polynomials, heads_out, cut_out, sums_out):
-    """Add the leaves that the waterline may cross to their instances' sums (H, 6), as if
-    their triangles reached down to the last wet vertex: over the wet vertices, and the polynomial's
-    part beyond linear heads in proportion to the wet share. Leaves the heads (., LEAF_VERTICES) and
-    the CUT triangles; returns how many."""
+    """Add the leaves that the waterline may cross to their instances' sums (H, 6), before the clip:
+    the sums over the wet vertices, and the polynomial's terms beyond linear heads in proportion to
+    the wet share. Write the heads (., LEAF_VERTICES) and the CUT triangles, and return the number
+    of these."""
     count = 0
     bend = np.zeros(QUADRATICS)
     for n in range(opened.size):
@@ -407,8 +411,8 @@ def add_opened_leaves(opened, leaves, chosen, polynomials, heads_out, cut_out, s
 
 @kernel
 def subtract_dry_parts(cut, opened, heads, tree, chosen, sums_out):
-    """Take from the sums (H, 6) over wet vertices what the clip takes of the triangles that are
-    cut. A loop of their own, because nothing in it depends on which they are."""
+    """Subtract from the sums (H, 6) over wet vertices the sections that the clip removes from cut
+    triangles. This loop is separate because its body is the same for every cut triangle."""
     for n in range(cut.size):
         code, at = cut[n].code, cut[n].opened
         leaf, i = tree.leaves[opened[at].node], opened[at].chosen
@@ -433,20 +437,20 @@ def subtract_dry_parts(cut, opened, heads, tree, chosen, sums_out):
 
 @inline
 def first_points(points, count):
-    """The first of them."""
+    """The first `count` points."""
     return Points(points.x[:count], points.y[:count], points.above[:count])
 
 
 @inline
 def first_particles(near, count):
-    """The first of them."""
+    """The first `count` particles."""
     return Near(near.label_x[:count], near.label_y[:count], near.height[:count])
 
 
 @kernel
 def keep_reached(patches, reach, points_out, near_out, chosen_out):
-    """Move those that the water can reach to the front, of CHOSEN patches at Points with particles
-    Near them; returns how many they are."""
+    """Move the patches that the water can reach to the front, with their Points and the particles
+    Near them. Return their number."""
     points, near, kept = points_out, near_out, 0
     for i in range(chosen_out.size):
         radius = patches[chosen_out[i].patch].radius
@@ -461,7 +465,7 @@ def keep_reached(patches, reach, points_out, near_out, chosen_out):
 
 @inline
 def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomials_out):
-    """Polynomials (N,) of the heads around the chosen patches' centres from fitted waves."""
+    """Polynomials (N,) of the heads around the chosen patches' centres, from fitted waves."""
     x, y, above, residual = points.x, points.y, points.above, sea.solve[0].residual
     if sea.water[0].decays and waves.size > 0:
         jets = np.empty(x.size, HEAD_JET)
@@ -475,7 +479,7 @@ def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomia
 
 @inline
 def reached_polynomials(tree, sea, instances, positions, rotations, time):
-    """The patches that the water could reach, CHOSEN, and the POLYNOMIAL of the head over each."""
+    """The CHOSEN patches that the water could reach, and the POLYNOMIAL of the head over each."""
     most, solve = most_patches(instances) + 1, sea.solve[0]
     points = Points(np.empty(most), np.empty(most), np.empty(most))
     chosen = np.empty(most, CHOSEN)
@@ -539,7 +543,7 @@ def patches_wrenches(block, instances, positions, rotations, time, wrenches_out)
         position, rotation = positions[instances[i].pose], rotations[instances[i].pose]
         factor = scale
         if not np.isfinite(np.sum(position) + np.sum(rotation)):
-            factor = np.nan  # else no node would be wet and the hull would seem to be dry
+            factor = np.nan  # otherwise no node is wet and the hull would count as dry
         for j in range(9):
             turn[j] = factor * rotation[j]
         write_turned(sums[i], turn, 1.0, wrenches_out[instances[i].row])

@@ -1,10 +1,11 @@
 """Polynomials: the head over a patch as a cubic in the body frame.
 
-In the body frame the head above a place d from a patch's centre is
+In the body frame the head at d from a patch's centre is
 
     head(d) = h + G . d + d . Q d / 2 + C(d, d, d) / 6,
 
-a sum over twenty monomials. Here they are made from jets, turned, evaluated and moved.
+a sum over twenty monomials. This module makes such polynomials from jets, rotates them, evaluates
+them and moves their origin.
 """
 
 import numpy as np
@@ -16,22 +17,22 @@ from sim.water.head import depth
 Array = NDArray[np.float64]
 
 LINEAR, BENDING = 4, 16
-"""Monomials: 1, x, y, z, and xx, xy, xz, yy, yz, zz, xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz,
-zzz. The second group only counts in waves, where it is small, so its moments are kept in single
-precision: a step waits for memory more than for anything else."""
+"""Numbers of monomials in two groups: 1, x, y, z; and xx, xy, xz, yy, yz, zz, xxx, xxy, xxz, xyy,
+xyz, xzz, yyy, yyz, yzz, zzz. The second group matters only in waves and is small there, so its
+moments are kept in single precision: the time of a step depends mostly on memory traffic."""
 
 MONOMIALS = LINEAR + BENDING
 
 QUADRATICS = 8
-"""The six quadratic coefficients and two zeros, which make them a vector."""
+"""The six quadratic coefficients and two zeros, which fill a vector register."""
 
 POLYNOMIAL = record(c=("f8", MONOMIALS), bound_2="f8", bound_3="f8", fills_lines=("f8", 2))
-"""Coefficients of a head in the body frame around a patch's centre, and bounds on its second and
-third order terms over the second and third power of the distance."""
+"""Coefficients of a head in the body frame around a patch's centre, and bounds on its second-order
+terms over the distance squared and its third-order terms over the distance cubed."""
 
 
 def monomials(d: Array) -> Array:
-    """The monomials (..., MONOMIALS) at places (..., 3)."""
+    """The monomials (..., MONOMIALS) at points (..., 3)."""
     x, y, z = np.moveaxis(d, -1, 0)
     xx, yy, zz = x * x, y * y, z * z
     second = xx, x * y, x * z, yy, y * z, zz
@@ -40,8 +41,8 @@ def monomials(d: Array) -> Array:
 
 
 def local_quadratic(places: Array) -> Array:
-    """Matrices (N, 6, BENDING) that take a polynomial's bending coefficients to the quadratic ones
-    of the same polynomial around the places (N, 3)."""
+    """Matrices (N, 6, BENDING) that map a polynomial's bending coefficients to the quadratic
+    coefficients of the same polynomial around the points (N, 3)."""
     x, y, z = places.T
     found = np.zeros((len(places), 6, BENDING))
     found[:, range(6), range(6)] = 1.0
@@ -62,8 +63,9 @@ def squared(x, y, z):
 
 @kernel
 def head_polynomials(jets, above, chosen, rotations, polynomials_out):
-    """Polynomials (N,) of the heads around the chosen patches' centres, so far above the level [m],
-    from their jets; rotations (P, 9): body -> world, for each pose."""
+    """Polynomials (N,) of the heads around the chosen patches' centres, from their JETs. above (N,)
+    [m]: heights of the centres above the level; rotations (P, 9): body -> world, one for each
+    pose."""
     for i in range(above.size):
         jet, r, q = jets[i], rotations[chosen[i].pose], polynomials_out[i].c
         gx, gy = jet.z_x, jet.z_y
@@ -124,7 +126,7 @@ def add_cubic(q, xx, xy, xz, yy, yz, zz, x, y, z):
 
 @inline
 def form(a, b, c, r):
-    """The linear form a x + b y + c z of world coordinates in the frame of a rotation (9,)."""
+    """The linear form a x + b y + c z of world coordinates, in the frame of a rotation (9,)."""
     return (
         a * r[0] + b * r[3] + c * r[6],
         a * r[1] + b * r[4] + c * r[7],
@@ -151,8 +153,8 @@ def set_quadratic(jet, r, polynomial_out):
 
 @kernel
 def set_cubic(jet, r, polynomial_out):
-    """The same of third order: (a . d)^2 (u . d) + (b . d)^2 (v . d) + (c . d)^2 (w . d), and the
-    product of all three forms."""
+    """Third-order coefficients and their bound. The cubic is (a . d)^2 (u . d) + (b . d)^2 (v . d)
+    + (c . d)^2 (w . d) plus the product of all three forms."""
     q = polynomial_out.c
     xxx, xxy, xxz = jet.xxx / 6.0, 0.5 * jet.xxy, 0.5 * jet.xxz
     xyy, yyy, yyz = 0.5 * jet.xyy, jet.yyy / 6.0, 0.5 * jet.yyz
@@ -179,7 +181,7 @@ def set_cubic(jet, r, polynomial_out):
 
 @kernel
 def decayed_polynomials(jets, chosen, rotations, polynomials_out):
-    """Polynomials (N,) of the heads around the chosen patches' centres from their HEAD_JETs."""
+    """Polynomials (N,) of the heads around the chosen patches' centres, from their HEAD_JETs."""
     for i in range(jets.size):
         jet, r, polynomial = jets[i], rotations[chosen[i].pose], polynomials_out[i]
         q = polynomial.c
@@ -191,7 +193,7 @@ def decayed_polynomials(jets, chosen, rotations, polynomials_out):
 
 @inline
 def head_and_slope(q, x, y, z):
-    """Head at a place and its gradient there."""
+    """Head and its gradient at a point."""
     axx = q[4] + x * q[10] + y * q[11] + z * q[12]
     axy, axz = q[5] + y * q[13] + z * q[14], q[6] + z * q[15]
     ayy, ayz, azz = q[7] + y * q[16] + z * q[17], q[8] + z * q[18], q[9] + z * q[19]

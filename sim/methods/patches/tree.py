@@ -1,12 +1,12 @@
-"""Patch tree: a hull's surface cut into patches, with all that a step needs prepared.
+"""Patch tree: a hull's surface cut into patches, with everything that a step needs.
 
-See `patches` for what it is for. Heads are polynomials in d, the place relative to the patch's
-centre, over twenty monomials. For each node of the tree the integrals of
+See `patches` for its use. Heads are polynomials in d, the position relative to the patch's centre,
+over twenty monomials. For each node of the tree, the integrals of
 
     monomial(d) n        and        r x monomial(d) n        (r from the hull frame's origin)
 
-over its surface are the *moments*: a surely wet node contributes the head's coefficients
-times its moments, exactly. Everything here happens once, in plain NumPy.
+over its surface are its *moments*. A surely wet node contributes exactly the head's coefficients
+times its moments. A tree is built once.
 """
 
 from collections.abc import Iterator, Sequence
@@ -34,49 +34,52 @@ Integers = NDArray[np.int64]
 Table = NDArray[np.void]
 
 LEAF_TRIANGLES = LEAF_VERTICES = 24
-"""A node with no more of them is not divided further: fewer make a deeper tree and more leaves on
-the waterline, more make more open triangles that the waterline does not touch. All leaves have
-room for so many, so that loops over them have a fixed length and vectorise whole; a multiple of
-gerstner.LANES, at most 32."""
+"""Maximum numbers of triangles and vertices of a leaf. A node that exceeds neither is not divided
+further. Smaller leaves make a deeper tree and more leaves on the waterline. Larger ones make more
+opened triangles that the waterline does not touch. All leaves have this size in memory, so that
+loops over them have a fixed length and vectorise. It is a multiple of gerstner.LANES, at most
+32."""
 
-APART = 1.5
-"""A triangle farther than so many radii from all seeds of patches becomes one itself."""
+SEED_DISTANCE_RADII = 1.5
+"""Distance, in patch radii, from all seeds of patches beyond which a triangle becomes a seed
+itself."""
 
-LLOYD_ROUNDS, MORE_SEEDS = 15, 10
-"""How often seeds move, and how often there are more of them: beyond that little changes."""
+LLOYD_ROUNDS, SEED_ROUNDS = 15, 10
+"""Number of times that seeds are moved, and that seeds are added. More rounds change little."""
 
 MOST_CLUSTERS = 64
-"""What needs more patches than that is halved before it is clustered, which takes a time as the
-number of triangles times that of clusters."""
+"""Estimated number of patches above which triangles are halved before they are clustered.
+Clustering takes a time proportional to the number of triangles times the number of clusters."""
 
 AXIS_SQUARINGS = 8
-"""Of a matrix of spread, to its 256th power: an axis in which triangles spread 1.1 times as much as
-in another is then known to 1e-10, and between others the choice does not matter."""
+"""Number of squarings of a matrix of spread, to its 256th power. An axis in which triangles spread
+1.1 times as much as in the next is then known to 1e-10. Between closer axes, the choice does not
+matter."""
 
-TINY = 1e-300
-"""Instead of areas that are 0, so that a cluster of such triangles has a middle."""
+SMALLEST_DIVISOR = 1e-300
+"""Area that replaces 0, so that a cluster of degenerate triangles has a middle."""
 
-MAX_TRIANGLES = 2_000_000
-"""Splitting stops here: such a tree takes some gigabytes."""
+MOST_TREE_TRIANGLES = 2_000_000
+"""Number of triangles at which splitting stops. Such a tree takes several gigabytes."""
 
 CORNER_BITS = 5
-"""Bits for a corner in a triangle's code (see `triangle_codes`)."""
+"""Number of bits for a corner in a triangle's code (see `triangle_codes`)."""
 
-CORNER = (1 << CORNER_BITS) - 1
-"""Mask for one of them."""
+CORNER_MASK = (1 << CORNER_BITS) - 1
+"""Mask for one corner."""
 
-CORNER_SET = 5 * CORNER_BITS
-"""Where the set of corners begins in a triangle's code."""
+CORNER_SET_BIT = 5 * CORNER_BITS
+"""Position of the first bit of the set of corners in a triangle's code."""
 
 PATCH = record(x="f8", y="f8", z="f8", radius="f8", first="i8", end="i8")
-"""Centre and radius [m] of a patch in the body frame, its first node and where its nodes end."""
+"""Centre and radius [m] of a patch in the body frame, its first node and the end of its nodes."""
 
 NODE = record(
     x="f8", y="f8", z="f8", half_x="f8", half_y="f8", half_z="f8", after="i8", leaf="i8"
 )  # fmt: skip
-"""A node's bounding box [m], its middle from the patch's centre and its half sides, the node after
-its subtree and the number of its leaf, -1 for other nodes. All a walk needs is one line of the
-cache."""
+"""A node's bounding box [m]: its middle relative to the patch's centre and its half sides; after:
+the node after its subtree; leaf: the number of its leaf, -1 for other nodes. A node fills one cache
+line, which is all that a walk reads of it."""
 
 MOMENTS = record(linear=("f8", (6, LINEAR)), bending=("f4", (6, BENDING)))
 """A node's moments, by group of monomials."""
@@ -87,14 +90,18 @@ LEAF = record(
     middle_x="f8", middle_y="f8", middle_z="f8",
     triangles=("i8", LEAF_TRIANGLES), fills_lines=("f8", 5),
 )  # fmt: skip
-"""A leaf: places of its vertices from the patch's centre [m] and their weights as in `linear`, the
-last ones of no weight; bends, what the quadratic coefficients at the leaf's middle add to the
-vertex sum when all of the leaf is wet; triangles as `triangle_codes` has them, 0 for none."""
+"""A leaf.
+
+x, y, z: positions of its vertices relative to the patch's centre [m]; weights: of the vertices, as
+in `linear`, 0 for unused ones; bends: contributions of the quadratic coefficients at the leaf's
+middle, beyond the sum over the vertices, when all of the leaf is wet; triangles: as in
+`triangle_codes`, 0 for unused ones.
+"""
 
 
 class PatchTree(NamedTuple):
-    """A hull cut into patches of a given radius: tables of PATCH, NODE, MOMENTS and LEAF. Nodes
-    come in the order of a walk that opens all, moments beside them."""
+    """A hull cut into patches of at most a given radius: tables of PATCH, NODE, MOMENTS and LEAF.
+    Nodes are in the order of a walk that opens all; moments have the same order."""
 
     patches: Table
     nodes: Table
@@ -104,8 +111,8 @@ class PatchTree(NamedTuple):
 
 def triangle_codes(corners: Integers) -> Integers:
     """Triangles (N, 3) of vertices below 32 as one number each: a, b, c, a, b in CORNER_BITS each,
-    from which the corners are read in any order, then the set of corners as bits."""
-    bits = (np.int64(1) << corners).sum(axis=1) << CORNER_SET
+    from which the corners can be read in any cyclic order, then the set of corners as bits."""
+    bits = (np.int64(1) << corners).sum(axis=1) << CORNER_SET_BIT
     for place, corner in enumerate((0, 1, 2, 0, 1)):
         bits |= corners[:, corner] << place * CORNER_BITS
     return bits
@@ -113,20 +120,20 @@ def triangle_codes(corners: Integers) -> Integers:
 
 @inline
 def corner(code, i):
-    """Corner number i of a triangle's code, 0 to 4: of a, b, c, a, b."""
-    return code >> i * CORNER_BITS & CORNER
+    """Corner number i, 0 to 4, of a triangle's code: a, b, c, a, b."""
+    return code >> i * CORNER_BITS & CORNER_MASK
 
 
 @inline
 def corner_set(code):
     """The corners of a triangle's code as bits."""
-    return code >> CORNER_SET
+    return code >> CORNER_SET_BIT
 
 
 @inline
 def odd_corner_first(code, heads, n):
-    """The code of a triangle that the water cuts, turned so that the only wet or the only dry
-    corner comes first; heads of its leaf's vertices in row n."""
+    """The code of a triangle that the water cuts, in an order in which the only wet or the only dry
+    corner comes first. heads: of its leaf's vertices, in row n."""
     wet_a = heads[n, corner(code, 0)] > 0.0
     wet_b = heads[n, corner(code, 1)] > 0.0
     wet_c = heads[n, corner(code, 2)] > 0.0
@@ -134,27 +141,27 @@ def odd_corner_first(code, heads, n):
 
 
 def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
-    """Cut a hull into patches of at most a radius [m], its triangles split until no edge is longer
-    than `edge` [m] or the radius. Raises ValueError when that makes too many triangles."""
+    """Cut a hull into patches of at most a radius [m], with its triangles split until no edge is
+    longer than `edge` [m] or the radius. Raises ValueError when this makes too many triangles."""
     edge = min(edge, radius)
     try:
         corners = split_triangles(
             across(hull.vertices[hull.faces], edge),
             lambda c: sides(c).max(axis=1) > edge,
-            MAX_TRIANGLES,
+            MOST_TREE_TRIANGLES,
         )
     except ValueError as error:
         raise ValueError(
-            f"the tolerance asks for triangles with edges below {edge:.3g} m, {error} "
-            "on this hull; ask for a larger tolerance or a calmer sea"
+            f"the tolerance needs triangles with edges below {edge:.3g} m, {error} "
+            "on this hull; use a larger tolerance or a calmer sea"
         ) from None
     return _Builder(corners, radius).tree()
 
 
 @kernel
 def add_quadratic_moments(corners, which, centres, points, weights, moments_out):
-    """Add to moments (L, 6, 6) of second order those of triangles (N, 3, 3), each to that of its
-    leaf, places taken from the leaves' centres (L, 3); points, weights: of a Gauss rule."""
+    """Add the second-order moments of triangles (N, 3, 3) to the moments (L, 6, 6) of their leaves,
+    relative to the centres (L, 3). which: leaf of each triangle; points, weights: a Gauss rule."""
     for t in range(corners.shape[0]):
         leaf = which[t]
         ax, ay, az = corners[t, 0, 0], corners[t, 0, 1], corners[t, 0, 2]
@@ -179,30 +186,32 @@ def add_quadratic_moments(corners, which, centres, points, weights, moments_out)
 
 def enclosing_ball(corners: Array, sizes: Array) -> tuple[Array, float]:
     """Centre (3,) and radius [m] of a ball around triangles (N, 3, 3) of areas (N,). The centre is
-    the middle of the area, not of the bounds: there the jet's errors cancel best."""
+    the centroid of the area, not the middle of the bounds, because the jet's errors cancel best
+    there."""
     centre = sizes @ corners.mean(axis=1) / sizes.sum()
     return centre, float(np.linalg.norm(corners - centre, axis=2).max())
 
 
 def clusters(corners: Array, sizes: Array, radius: float) -> Integers:
-    """Which cluster each of the triangles (N, 3, 3) of areas (N,) belongs to; nearly all clusters
-    lie within a radius [m] of the middles of their areas.
+    """Cluster numbers (N,) of triangles (N, 3, 3) of areas (N,). Nearly all clusters lie within a
+    radius [m] of the centroids of their areas.
 
-    Triangles farthest from all before become seeds (Gonzalez 1985); each cluster is what is next
-    to a seed, which moves to its middle, and again (Lloyd 1982): that makes clusters round and of
-    like size. Of those still too large the farthest triangle becomes a seed, too.
+    The triangle farthest from all seeds becomes a seed, again and again (Gonzalez 1985). Each
+    cluster is the set of triangles closest to a seed, and the seed moves to its centroid, again and
+    again (Lloyd 1982). This makes clusters round and of similar size. The farthest triangle of a
+    cluster that is still too large becomes another seed.
     """
     middles = corners.mean(axis=1)
     seeds, apart = middles[:1], np.linalg.norm(middles - middles[0], axis=1)
-    while apart.max() > APART * radius:
+    while apart.max() > SEED_DISTANCE_RADII * radius:
         seeds = np.vstack([seeds, middles[apart.argmax()]])
         apart = np.minimum(apart, np.linalg.norm(middles - seeds[-1], axis=1))
-    for _ in range(MORE_SEEDS):
+    for _ in range(SEED_ROUNDS):
         nearest, seeds = _lloyd(middles, sizes, seeds)
         distances = np.linalg.norm(corners - seeds[nearest, None], axis=2).max(axis=1)
         order = np.argsort(distances, kind="stable")
         farthest = np.zeros(len(seeds), dtype=np.int64)
-        farthest[nearest[order]] = order  # the last one stays
+        farthest[nearest[order]] = order  # the last assignment remains
         large = (distances[farthest] > radius) & (np.bincount(nearest, minlength=len(seeds)) > 1)
         if not large.any():
             break
@@ -211,20 +220,22 @@ def clusters(corners: Array, sizes: Array, radius: float) -> Integers:
 
 
 def _lloyd(points: Array, sizes: Array, seeds: Array) -> tuple[Integers, Array]:
-    """For each point (N, 3) the seed (K, 3) next to it, and the seeds moved to those points'
-    middles, LLOYD_ROUNDS times over."""
+    """For each point (N, 3) the closest seed (K, 3), and the seeds after LLOYD_ROUNDS moves to the
+    centroids of their points."""
     nearest = np.empty(len(points), dtype=np.int64)
     for _ in range(LLOYD_ROUNDS):
         find_nearest(points, seeds, nearest)
         total = np.bincount(nearest, sizes, len(seeds))[:, None]
         sums = [np.bincount(nearest, sizes * along, len(seeds)) for along in points.T]
-        seeds = np.where(total > 0.0, np.transpose(sums) / np.maximum(total, TINY), seeds)
+        seeds = np.where(
+            total > 0.0, np.transpose(sums) / np.maximum(total, SMALLEST_DIVISOR), seeds
+        )
     return nearest, seeds
 
 
 @kernel
 def find_nearest(points, seeds, nearest_out):
-    """For each point (N, 3) the seed (K, 3) next to it."""
+    """For each point (N, 3), find the closest seed (K, 3)."""
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         best, least = 0, np.inf
@@ -236,15 +247,16 @@ def find_nearest(points, seeds, nearest_out):
 
 
 class _Builder:
-    """Grows the tree from the root; patches begin where a node's radius first suffices. What can be
-    is computed for all triangles at once: there may be many thousand patches."""
+    """Builds the tree from the root. A patch begins where a node's radius first suffices. As much
+    as possible is computed for all triangles at once, because there may be many thousand
+    patches."""
 
     def __init__(self, corners: Array, radius: float) -> None:
         self.corners = corners
         self.radius = radius
         self.middles = corners.mean(axis=1)
         self.area_vectors = area_vectors(corners)
-        self.sizes = np.maximum(np.linalg.norm(self.area_vectors, axis=1), TINY)
+        self.sizes = np.maximum(np.linalg.norm(self.area_vectors, axis=1), SMALLEST_DIVISOR)
         first, numbers = distinct_points(corners.reshape(-1, 3))
         self.points, self.numbers = corners.reshape(-1, 3)[first], numbers.reshape(-1, 3)
 
@@ -267,9 +279,9 @@ class _Builder:
         return PatchTree(patches, nodes, _moment_table(nodes, of_leaves), leaves)
 
     def _leaves(self, order: Integers, spans: Integers, centres: Array) -> tuple[Table, Array]:
-        """LEAF rows of triangles in order, spans (L, 2) of it, centres (N, 3) of their patches; and
-        the leaves' moments (L, 6, MONOMIALS): exact up to second order, of the third what
-        `local_quadratic` has."""
+        """LEAF rows and moments (L, 6, MONOMIALS) of leaves. spans (L, 2): their ranges of `order`;
+        centres (N, 3): of the patches of the triangles in order. The moments are exact up to second
+        order; the third order includes the terms that `local_quadratic` covers."""
         start, end = spans.T
         which = np.repeat(np.arange(len(spans)), end - start)
         keys = which[:, None] * len(self.points) + self.numbers[order]
@@ -285,7 +297,7 @@ class _Builder:
         middles = 0.5 * (low + high)
         moments = weights @ monomials(places)
         exact = np.zeros((len(spans), 6, 6))
-        rule = gauss_rule(3)  # exact to degree 4; a quadratic's torque has 3
+        rule = gauss_rule(3)  # exact to degree 4; the torque of a quadratic head has degree 3
         add_quadratic_moments(self.corners[order], which, centres[start], *rule, exact)
         bends = np.zeros((len(spans), 6, QUADRATICS))
         bends[:, :, :6] = exact - moments[:, :, LINEAR : LINEAR + 6]
@@ -299,13 +311,14 @@ class _Builder:
         return leaves, moments
 
     def _places(self, leaf_of: Integers, slot: Integers, found: Array) -> Array:
-        """Places (L, LEAF_VERTICES, 3) of the leaves' vertices; what is left is as the first."""
+        """Positions (L, LEAF_VERTICES, 3) of the leaves' vertices. Unused ones repeat the first."""
         places = np.repeat(found[slot == 0][:, None], LEAF_VERTICES, axis=1)
         places[leaf_of, slot] = found
         return places
 
     def _weights(self, order: Integers, which: Integers, slots: Integers) -> Array:
-        """Weights (L, 6, LEAF_VERTICES) of the leaves' vertices, from triangles with such slots."""
+        """Weights (L, 6, LEAF_VERTICES) of the leaves' vertices. slots: of the triangles'
+        corners."""
         shares = corner_shares(self.corners[order], self.area_vectors[order]).reshape(-1, 6)
         at = (which[:, None] * LEAF_VERTICES + slots).ravel()
         room = (int(which.max()) + 1) * LEAF_VERTICES
@@ -313,7 +326,7 @@ class _Builder:
         return np.ascontiguousarray(sums.reshape(6, -1, LEAF_VERTICES).transpose(1, 0, 2))
 
     def _patches(self, chosen: Integers) -> Iterator[tuple[Integers, Array, float]]:
-        """Divide triangles until they fit a patch: its triangles, centre and radius."""
+        """Divide triangles until they fit a patch. Yield its triangles, centre and radius."""
         centre, radius = enclosing_ball(self.corners[chosen], self.sizes[chosen])
         if radius <= self.radius or len(chosen) == 1:
             yield chosen, centre, radius
@@ -322,8 +335,8 @@ class _Builder:
             yield from self._patches(part)
 
     def _parts(self, chosen: Integers) -> list[Integers]:
-        """Triangles too many for a patch in clusters that may fit one, or, where that would be too
-        many or but one, in halves."""
+        """Divide triangles that do not fit a patch: into clusters that may fit one, or into halves
+        where there would be too many clusters or only one."""
         sizes = self.sizes[chosen]
         if sizes.sum() < MOST_CLUSTERS * np.pi * self.radius**2:
             nearest = clusters(self.corners[chosen], sizes, self.radius)
@@ -336,14 +349,14 @@ class _Builder:
         return [chosen[near], chosen[~near]]
 
     def _along(self, chosen: Integers) -> Array:
-        """Where triangles lie along the axis in which they spread most."""
+        """Positions of triangles along the axis in which they spread most."""
         middles = self.middles[chosen] - self.middles[chosen].mean(axis=0)
         _, axes = np.linalg.eigh(middles.T @ middles)
         return middles @ axes[:, 2]
 
 
 def _moment_table(nodes: Table, of_leaves: Array) -> Table:
-    """MOMENTS of the nodes: each one's are the sum of its two children's."""
+    """MOMENTS of the nodes. A node's moments are the sum of those of its two children."""
     moments = np.empty((len(nodes), 6, MONOMIALS))
     add_up(nodes["leaf"].copy(), nodes["after"].copy(), of_leaves, moments)
     table = np.zeros(len(nodes), MOMENTS)
@@ -353,7 +366,7 @@ def _moment_table(nodes: Table, of_leaves: Array) -> Table:
 
 @kernel
 def add_up(leaf, after, of_leaves, moments_out):
-    """Moments (N, 6, M) of all nodes, which come in the order of a walk, from those of leaves."""
+    """Moments (N, 6, M) of all nodes, in the order of a walk, from those of the leaves."""
     for n in range(leaf.size - 1, -1, -1):
         for i in range(moments_out.shape[1]):
             for j in range(moments_out.shape[2]):
@@ -367,9 +380,12 @@ def add_up(leaf, after, of_leaves, moments_out):
 def divided(
     order: Integers, starts: Integers, centres: Array, corners: Array, numbers: Integers
 ) -> tuple[Table, Integers, Integers]:
-    """Nodes of patches whose triangles are order[starts[i]:starts[i + 1]]: NODE rows in the order
-    of a walk, the spans (N, 2) of order that are theirs, and the first node (P + 1,) of each patch.
-    Sorts order, so that a node's triangles follow one another."""
+    """Divide patches into nodes.
+
+    The triangles of patch i are order[starts[i]:starts[i + 1]]. Return NODE rows in the order of a
+    walk, the spans (N, 2) of order that belong to them, and the first node (P + 1,) of each patch.
+    Sorts order, so that a node's triangles are contiguous.
+    """
     most = 2 * len(order) + len(centres)
     nodes, spans = np.zeros(most, NODE), np.zeros((most, 2), dtype=np.int64)
     first = np.zeros(len(starts), dtype=np.int64)
@@ -431,7 +447,7 @@ def set_box(chosen, corners, centre, node):
 
 @kernel
 def is_leaf(chosen, numbers):
-    """Whether triangles, and their vertices, have room in a leaf."""
+    """Whether triangles and their vertices fit into a leaf."""
     if chosen.size > LEAF_TRIANGLES:
         return False
     seen, count = np.empty(3 * LEAF_TRIANGLES, np.int64), 0
@@ -449,7 +465,7 @@ def is_leaf(chosen, numbers):
 @kernel
 def halve(chosen_out, near, corners):
     """Sort triangles so that the first `near` of them lie on one side along the axis in which all
-    spread most; both sides keep their order."""
+    spread most. Both sides keep their order."""
     count = chosen_out.size
     middles, mean = np.empty((count, 3)), np.zeros(3)
     for i in range(count):
@@ -507,7 +523,7 @@ def widest_axis(spread):
     multiple of the projection onto it."""
     power, scaled = spread.copy(), np.empty((3, 3))
     for _ in range(AXIS_SQUARINGS):
-        largest = TINY
+        largest = SMALLEST_DIVISOR
         for x in range(3):
             for y in range(3):
                 largest = max(largest, abs(power[x, y]))
@@ -529,7 +545,7 @@ def widest_axis(spread):
 
 
 def joined(trees: Sequence[PatchTree]) -> PatchTree:
-    """Several trees as one, patches in order, with all indices moved accordingly."""
+    """Several trees as one, with patches in order and all indices moved accordingly."""
     moved, nodes, leaves = [], 0, 0
     for tree in trees:
         patches, of_tree = tree.patches.copy(), tree.nodes.copy()
