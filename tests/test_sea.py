@@ -55,11 +55,11 @@ def test_elevation_lies_on_the_particles_at_any_steepness(steepness):
 def test_solver_converges_from_any_starting_label(steepness):
     rng = np.random.default_rng(2)
     for sea in seas_of_steepness(steepness):
-        tolerance = float(sea.water["tolerance"][0])
+        tolerance, work = float(sea.water["tolerance"][0]), (np.empty(1, LABELS), np.empty(1, SUMS))
         for _ in range(500):
             x, y = rng.uniform(-5.0, 5.0, 2)
             guess = rng.uniform(-20.0, 20.0, 2)
-            *label, height = solve_point(x, y, *guess, sea.components, 0.4, tolerance)
+            *label, height = solve_point(x, y, *guess, sea.components, 0.4, tolerance, *work)
             np.testing.assert_allclose(sea.particles(label, 0.4)[:2], (x, y), atol=MAP_ROUND_OFF)
             assert abs(height - sea.elevation(x, y, 0.4)) < 2 * ELEVATION_ERROR + MAP_ROUND_OFF
 
