@@ -164,12 +164,12 @@ def parts_of(methods: Sequence[Method], poses: Sequence[int]) -> list[Part]:
     """Parts with all hulls whose methods are Compiled. Hull i finds its pose in row poses[i] of the
     poses and leaves its wrench in row i of the wrenches."""
     places = np.array(list(zip(poses, range(len(methods)), strict=True)), PLACE)
-    alike: dict[tuple[type[Compiled], int], list[int]] = {}
+    alike: dict[tuple[type[Compiled], int], list[tuple[int, Compiled]]] = {}
     for i, method in enumerate(methods):
         if isinstance(method, Compiled):
-            alike.setdefault((type(method), id(method.sea)), []).append(i)
+            alike.setdefault((type(method), id(method.sea)), []).append((i, method))
     return [
         part
-        for (kind, _), chosen in alike.items()
-        for part in kind.parts([methods[i] for i in chosen], places[chosen])
+        for (kind, _), members in alike.items()
+        for part in kind.parts([method for _, method in members], places[[i for i, _ in members]])
     ]

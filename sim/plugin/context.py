@@ -26,7 +26,14 @@ from sim.plugin.layout import (
     option_spans,
     picture_offsets,
 )
-from sim.plugin.memory import WORD, floats_at, function_address, mujoco_library, word_at
+from sim.plugin.memory import (
+    WORD,
+    callback_address,
+    floats_at,
+    function_address,
+    mujoco_library,
+    word_at,
+)
 from sim.resistance.drag import SURFACE
 from sim.resistance.reaction import HULL, hull_row
 
@@ -96,7 +103,7 @@ class Context:
         library, clock = mujoco_library(), function_address(ctypes.CDLL(None), "clock_gettime")
         self._geoms = model.ngeom
         record = blank()
-        push = ctypes.cast(self._push, ctypes.c_void_p).value if self._push else None
+        push = callback_address(self._push) if self._push else 0
         values = dict(
             bodies=model.nbody, geoms=model.ngeom, freedoms=model.nv, matrix=model.nC,
             hulls=len(self.floats), own=record.ctypes.data, block=self._block.ctypes.data,
