@@ -29,6 +29,7 @@ from typing import Any, TypeVar
 import numba
 import numpy as np
 from numba import njit, typeof, types
+from numba.core import config as numba_config
 from numba.core import event
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.ccallback import CFunc
@@ -39,7 +40,7 @@ from numpy.typing import NDArray
 
 from sim.addresses import WORD, array_of
 
-config: Any = numba.config
+config: Any = numba_config
 intrinsic: Any = typed_intrinsic
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
@@ -114,7 +115,7 @@ def _warn_of_no_cache() -> None:
 
 def _compiled(function: Kernel, *liberties: str) -> Kernel:
     options: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
-    dispatcher = njit(fastmath=set(liberties), **options)(function)
+    dispatcher: Any = njit(fastmath=set(liberties), **options)(function)
     dispatcher._cache = _kept_code(function)
     return dispatcher
 
@@ -207,7 +208,7 @@ class _FirstOne(event.Listener):
         pass
 
 
-def record(**fields: Any) -> Any:
+def record(**fields: Any) -> np.dtype[np.void]:
     """Type of a table's rows: for each field a scalar type, or such a type and a shape."""
     kinds = (kind if isinstance(kind, tuple) else (kind,) for kind in fields.values())
     return np.dtype([(name, *kind) for name, kind in zip(fields, kinds, strict=True)], align=True)

@@ -74,7 +74,7 @@ CONTEXT_OF, CONTENT, MEMORIES, REFUSED, CALLS, NANOSECONDS, DATA, OWN_STATES = r
 SLAB, MOST_SLABS = 1024, 4096
 """Number of homes in a slab, and largest number of slabs (see `homes`)."""
 
-HOMES_OFFSET = CONTEXT.fields["homes"][1]
+HOMES_OFFSET = dict(CONTEXT.fields or {})["homes"][1]
 """Offset [bytes] of the number of homes in a CONTEXT."""
 
 HOME_SIZE = HOME.itemsize

@@ -56,7 +56,7 @@ class Wave:
         return self.wavenumber * self.amplitude
 
 
-def largest_sum(parts: Sequence[float]) -> float:
+def largest_sum(parts: Sequence[float] | NDArray[np.float64]) -> float:
     """The largest value of a sum of sines with the amplitudes `parts`: all of them at once, or
     SIGMAS standard deviations where that is less."""
     return float(min(np.sum(parts), SIGMAS * np.sqrt(0.5 * np.sum(np.square(parts)))))

@@ -40,8 +40,8 @@ sea."""
 DIP_ANGLES = tuple(np.radians([-90.0, -45.0, 0.0, 45.0]))
 """Inclinations [rad] of these directions, where jets are tried below the surface."""
 
-SURFACE_TERMS = {name: name[2:] for name in JET.names if name[0] == "z"}
-HEAD_TERMS = {name: name.replace("h", "") for name in HEAD_JET.names}
+SURFACE_TERMS = {name: name[2:] for name in JET.names or () if name[0] == "z"}
+HEAD_TERMS = {name: name.replace("h", "") for name in HEAD_JET.names or ()}
 """For each field of a jet, the axes of its derivative."""
 
 MOST_PHASE = 1000.0
