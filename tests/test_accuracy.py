@@ -175,7 +175,6 @@ def test_speed_vs_error_says_that_matplotlib_is_missing(tmp_path, monkeypatch, c
         (["--methods", "linear", "guess"], "'guess' is not a method"),
         (["--hulls", "teapot"], "invalid choice: 'teapot'"),
         (["--poses", "1"], "1 is not from 2"),
-        (["--quick", "--json", "nowhere/out.json"], "nowhere"),
     ],
 )
 def test_unusable_input_gives_one_line_and_status_2(

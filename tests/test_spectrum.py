@@ -123,7 +123,7 @@ def test_advice_on_folding_helps():
     words = str(error.value).replace(",", "").split()
     height = float(words[words.index("height") + 2])
     period = PERIOD * float(words[words.index("times") - 1])
-    fewer = int(words[words.index("some") + 1])
+    fewer = int(words[words.index("about") + 1])
     Sea.jonswap(0.99 * height, PERIOD)
     Sea.jonswap(2.0, 1.01 * period)
     Sea.jonswap(2.0, PERIOD, waves=fewer)
