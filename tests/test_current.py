@@ -112,6 +112,8 @@ def test_the_tide_lifts_the_water_and_what_floats_on_it():
     expected = [0.0, 0.0, 0.75, 1.5, 1.5, 1.5]
     np.testing.assert_allclose(sea.level_at(times), expected)
     np.testing.assert_allclose(sea.elevation(0.0, 0.0, times), expected)
+    rise = sea.surface(0.0, 0.0, times).velocity[:, 2]
+    np.testing.assert_allclose(rise, [0.0, 0.15, 0.15, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(sea.head(0.0, 0.0, -1.0, times), np.add(expected, 1.0))
     hull = box()
     for kind in (Linear, Chord, Patches, Reference):

@@ -225,11 +225,12 @@ def test_frames_come_at_the_recording_rate_and_the_water_has_its_size(tmp_path):
         times, 7.0 + np.arange(11) / 10.0, atol=0.002
     )  # one step of the scene
     sea, side = scene.buoyancy.sea, np.linspace(-2.0, 2.0, 9)
+    labels = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
     for time, points in zip(times, frames, strict=True):
         # the particles of a grid of labels, which goes on by whole cells of half a metre
         low = np.round(2.0 * (points[:, :2].min(axis=0) + 2.0)) / 2.0
         grids = [
-            sea.particle_grid(low[0] + i / 2 + side, low[1] + j / 2 + side, time).reshape(-1, 3)
+            sea.particles(labels + low + np.array([i, j]) / 2, time)
             for i in (-1, 0, 1)
             for j in (-1, 0, 1)
         ]

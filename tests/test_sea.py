@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from independent import three_waves
+from independent import GRAVITY, three_waves
 from sim import Sea, Wave
 from sim.methods.patches.fit import fitted_waves
 from sim.water.gerstner import (
@@ -144,12 +144,21 @@ def test_hessian_is_symmetric_and_elevation_comes_from_the_same_solve():
     )
 
 
-def test_a_grid_of_particles_is_those_particles():
-    x, y = np.linspace(-3.0, 5.0, 7), np.linspace(1.0, 2.0, 4)
+@pytest.mark.parametrize(("ramp", "share"), [(0.0, 1.0), (4.6, 0.5), (2.0, 1.0)])
+def test_particles_move_on_circles(ramp, share):
+    """By Gerstner's formula, here in NumPy; more particles than a chunk has, in a grid."""
+    x, y = np.linspace(-3.0, 5.0, 30), np.linspace(1.0, 2.0, 40)
     labels = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    for sea in (three_waves(0.6), Sea(level=0.3)):
-        expected = sea.particles(labels, 2.3)
-        np.testing.assert_allclose(sea.particle_grid(x, y, 2.3), expected, atol=MAP_ROUND_OFF)
+    sea = Sea(three_waves(0.6).waves, level=0.3, ramp=ramp)
+    expected = np.concatenate([labels, np.full((30, 40, 1), 0.3)], axis=-1)
+    for wave in sea.waves:
+        direction = np.array([np.cos(wave.heading), np.sin(wave.heading)])
+        theta = wave.wavenumber * labels @ direction + wave.phase
+        theta -= np.sqrt(GRAVITY * wave.wavenumber) * 2.3
+        expected[..., :2] += share * wave.amplitude * np.cos(theta)[..., None] * direction
+        expected[..., 2] += share * wave.amplitude * np.sin(theta)
+    np.testing.assert_allclose(sea.particles(labels, 2.3), expected, atol=MAP_ROUND_OFF)
+    assert sea.particles(labels[0, 0], 2.3).shape == (3,)
 
 
 def test_velocity_is_the_particles_own():

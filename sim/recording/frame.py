@@ -136,8 +136,8 @@ class Artist:
         eye."""
         cell = self._steps[1] - self._steps[0]
         middle = np.round(sample.centres[:, :2].mean(axis=0) / cell) * cell
-        labels = middle[:, None] + self._steps
-        return self._sea.particle_grid(*labels, sample.time).reshape(-1, 3)
+        labels = np.stack(np.meshgrid(*(middle[:, None] + self._steps), indexing="ij"), axis=-1)
+        return self._sea.particles(labels, sample.time).reshape(-1, 3)
 
 
 def thinned(curves: list[Array], most: int) -> list[Array]:

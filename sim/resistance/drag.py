@@ -34,12 +34,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.geometry import area_vectors, areas, cross, placed, split_triangles
 from sim.hulls.hull import Hull
-from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
+from sim.kernels import inline, kernel, read_only, record, summing_kernel
 from sim.resistance.added_mass import added_mass_matrix, damping_matrix
 from sim.water.gerstner import (
     LABELS,
-    WATER,
-    WAVE,
     decay,
     level_and_rise,
     set_labels,
@@ -197,8 +195,8 @@ class Drag:
         velocity, drag = turn.T @ np.asarray(velocity, dtype=float), np.zeros(6)
         if self.has_surface_drag:
             sea = self.sea
-            block = packed(self.surface, self.strength, sea.components, sea.water)
-            write_drag(block, position, rotation, velocity, float(time), drag)
+            flow = Flow(sea.components, sea.water, float(time))
+            write_drag(self.surface, self.strength, flow, position, rotation, velocity, drag)
         return turn @ drag
 
 
@@ -503,10 +501,8 @@ def add_hull_drag(surface, strength, factor, work, wrench_out, damping_out):
 
 
 @kernel
-def write_drag(block, position, rotation, velocity, time, wrench_out):
+def write_drag(surface, strength, flow, position, rotation, velocity, wrench_out):
     """A single hull's drag (6,), all along the axes of its frame."""
-    surface, strength = table(block, 0, SURFACE), table(block, 1, STRENGTH)
-    flow = Flow(table(block, 2, WAVE), table(block, 3, WATER), time)
     pose, damping = Pose(position, rotation), np.zeros((6, 6))
     work, labels, motion = np.empty(1, WORK), np.empty(1, LABELS), np.empty(1, MOTION)
     wrench_out[:] = 0.0

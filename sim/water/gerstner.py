@@ -23,11 +23,16 @@ Sources: Gerstner 1802; Tessendorf 2001 for sums of such waves; Dennis and Schna
 for the safeguarded Newton iteration.
 """
 
+from collections.abc import Iterable, Iterator
 from math import factorial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.kernels import inline, kernel, record
+
+Array = NDArray[np.float64]
+Table = NDArray[np.void]
 
 PLAIN_STEPS = 8
 """Maximum number of Newton steps without a safeguard. More steps only delay the points that need
@@ -168,17 +173,18 @@ def decay(x):
     return power * power
 
 
-@inline
-def smooth_step(u):
-    """From 0 at u = 0 to 1 at u = 1 and beyond, level at both ends."""
-    v = min(max(u, 0.0), 1.0)
-    return v * v * (3.0 - 2.0 * v)
+def smooth(u):
+    """From 0 at u = 0 to 1 at u = 1, level at both ends."""
+    return u * u * (3.0 - 2.0 * u)
+
+
+smooth_step = inline(smooth)
 
 
 @inline
 def growth(wave, time):
     """Which part of its height a wave has at a time."""
-    return 1.0 if wave.rise == 0.0 else smooth_step(wave.rise * time)
+    return 1.0 if wave.rise == 0.0 else smooth_step(min(max(wave.rise * time, 0.0), 1.0))
 
 
 @inline
@@ -305,6 +311,20 @@ def set_labels(x, y, labels_out):
     for i in range(count, filled):
         to.x[i], to.y[i] = x[0], y[0]
     return filled
+
+
+def label_chunks(labels: Array) -> Iterator[tuple[slice, Table, int]]:
+    """Labels (N, 2) [m] as kernels take them, by chunks: which labels, LABELS with them, and the
+    number of these, filled up to LANES."""
+    for start in range(0, len(labels), CHUNK):
+        chunk, found = slice(start, start + CHUNK), np.empty(1, LABELS)
+        x, y = labels[chunk].T.copy()
+        yield chunk, found, set_labels(x, y, found)
+
+
+def chunk_rows(workspace: Table, names: Iterable[str], count: int) -> Array:
+    """Fields of the first points (count, len(names)) in a workspace."""
+    return np.stack([workspace[name][0, :count] for name in names], axis=1)
 
 
 @kernel

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.water.gerstner import smooth
 from sim.water.sea import Sea
 from sim.water.spectrum import MOST_WAVES
 from sim.water.wave import Wave
@@ -90,7 +91,7 @@ def _bridged(values: Array) -> Array:
     count = max(len(values) // 10, 4)
     onwards, before = values[-2 : -2 - count : -1], values[count:0:-1]
     u = (np.arange(count) + 1.0) / (count + 1.0)
-    share = u * u * (3.0 - 2.0 * u)
+    share = smooth(u)
     return np.concatenate([values, (1.0 - share) * onwards + share * before])
 
 

@@ -9,8 +9,9 @@ from sim.water.gerstner import (
     LABELS,
     PLAIN_STEPS,
     SUMS,
+    chunk_rows,
+    label_chunks,
     newton_labels,
-    set_labels,
     wave_sums,
 )
 from sim.water.sea import Sea
@@ -38,7 +39,12 @@ def sample_labels(sea: Sea) -> Array:
 def sample_places(sea: Sea) -> tuple[Array, Array]:
     """Positions x, y (SAMPLES,) [m] of the samples, most of them where particles crowd, at the
     crests."""
-    return tuple(sea.particles(sample_labels(sea), sea.ramp)[:, :2].T.copy())
+    labels, waves = sample_labels(sea), sea.components
+    turns = labels @ np.stack([waves["turns_x"], waves["turns_y"]])
+    turns = turns + waves["turns"] - waves["frequency"] * sea.ramp
+    offsets = waves["amplitude"] * np.cos(2.0 * np.pi * (turns - np.round(turns)))
+    directions = np.stack([waves["direction_x"], waves["direction_y"]], axis=1)
+    return tuple((labels + offsets @ directions).T.copy())
 
 
 def newton_steps(sea: Sea, error: float) -> tuple[int, float]:
@@ -57,14 +63,11 @@ def newton_steps(sea: Sea, error: float) -> tuple[int, float]:
 
 def _stepped(sea: Sea, x: Array, y: Array, labels: Array) -> tuple[Array, float]:
     """Labels (N, 2) after one more Newton step, and the largest residual [m] before it."""
-    guess, sums, found = np.empty(1, LABELS), np.empty(1, SUMS), np.empty(1, LABELS)
-    stepped, heights, largest = np.empty_like(labels), np.empty(CHUNK), 0.0
-    for start in range(0, len(labels), CHUNK):
-        chunk = slice(start, min(start + CHUNK, len(labels)))
-        count = chunk.stop - start
-        filled = set_labels(labels[chunk, 0].copy(), labels[chunk, 1].copy(), guess)
+    sums, found, heights = np.empty(1, SUMS), np.empty(1, LABELS), np.empty(CHUNK)
+    stepped, largest = np.empty_like(labels), 0.0
+    for chunk, guess, filled in label_chunks(labels):
         wave_sums(filled, sea.components, sea.ramp, guess, sums)
         newton_labels(x[chunk], y[chunk], guess, sums, heights, found)
-        stepped[chunk] = np.column_stack([found["x"][0, :count], found["y"][0, :count]])
-        largest = max(largest, float(found["residual"][0, :count].max()))
+        rows = chunk_rows(found, ("x", "y", "residual"), len(x[chunk]))
+        stepped[chunk], largest = rows[:, :2], max(largest, float(rows[:, 2].max()))
     return stepped, float(np.sqrt(largest))

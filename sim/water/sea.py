@@ -11,10 +11,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.kernels import read_only
-from sim.water.gerstner import MOST_TIDES, WATER, solve_heights
+from sim.kernels import read_only, record
+from sim.water.gerstner import (
+    MOST_TIDES,
+    SUMS,
+    WATER,
+    chunk_rows,
+    label_chunks,
+    level_and_rise,
+    solve_heights,
+    wave_sums,
+)
 from sim.water.head import PRESSURES, solve_heads
 from sim.water.jets import JET, near_particles, solve_jets
+from sim.water.motion import MOTION, VELOCITY, water_motion
 from sim.water.spectrum import DEFAULT_SPREAD, jonswap
 from sim.water.wave import PLAIN_SUM_WAVES, Wave, largest_sum, wave_table
 
@@ -26,6 +36,10 @@ DEFAULT_PRESSURE = "froude-krylov"
 ELEVATION_ERROR = 1e-13
 """Error [m] that the solver leaves in an elevation, apart from the round-off of the position. It
 sets the residual at which a label counts as found."""
+
+
+MOVING_JET = record(jet=JET, velocity=("f8", 3))
+"""The surface above a point, and the velocity [m/s] of the water there."""
 
 
 class Surface(NamedTuple):
@@ -169,7 +183,9 @@ class Sea:
         """The still level [m] at times [s]."""
         if not self.tide:
             return np.full(np.shape(time), self.level)
-        return np.interp(time, *np.transpose(self.tide))
+        water = self.water.view(np.recarray)[0]
+        found = [level_and_rise.py_func(water, each)[0] for each in np.ravel(time)]
+        return np.reshape(found, np.shape(time))
 
     @property
     def significant_height(self) -> float:
@@ -226,24 +242,25 @@ class Sea:
         """Elevation, gradient, Hessian and the water's velocity, all from one solve."""
 
         def solve(time: float, x: Array, y: Array) -> Table:
-            jets = np.empty(x.size, JET)
-            tolerance = float(self.water["tolerance"][0])
-            near = near_particles(x, y, self.components, time, 1)
+            found, tolerance = np.empty(x.size, MOVING_JET), float(self.water["tolerance"][0])
+            near, jets = near_particles(x, y, self.components, time, 1), np.empty(x.size, JET)
             solve_jets(x, y, near, self.components, time, tolerance, jets)
-            return jets
+            found["jet"], motion = jets, np.empty(1, MOTION)
+            labels = np.stack([jets["label_x"], jets["label_y"]], axis=1)
+            for chunk, at, count in label_chunks(labels):
+                depths = np.zeros(count)
+                water_motion(VELOCITY, depths, self.components, self.water, time, at, motion)
+                found["velocity"][chunk] = chunk_rows(motion, "xyz", labels[chunk].shape[0])
+            return found
 
-        jets, waves = _per_time(solve, time, x, y), self.components
-        labels = np.stack([jets["label_x"], jets["label_y"]], axis=-1)
-        theta = self._angles(labels, np.asarray(time, dtype=float))
-        speed = waves["rate"] * waves["amplitude"] * self._growth(time)[..., None]
-        across = (speed * np.sin(theta)) @ self._directions + self.current[:2]
-        up = -(speed * np.cos(theta)).sum(axis=-1) + self.current[2]
+        found = _per_time(solve, time, x, y)
+        jets = found["jet"]
         hessian = [jets["z_xx"], jets["z_xy"], jets["z_xy"], jets["z_yy"]]
         return Surface(
             jets["z"] + self.level_at(time),
             np.stack([jets["z_x"], jets["z_y"]], axis=-1),
             np.stack(hessian, axis=-1).reshape((*jets.shape, 2, 2)),
-            np.concatenate([across, up[..., None]], axis=-1),
+            found["velocity"],
         )
 
     def hessian(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
@@ -252,57 +269,15 @@ class Sea:
 
     def particles(self, labels: ArrayLike, time: float) -> Array:
         """Positions (..., 3) [m] of the surface particles with labels (..., 2) [m]."""
-        labels = np.asarray(labels, dtype=float)
-        theta = self._angles(labels, np.asarray(time, dtype=float))
-        amplitude = self.components["amplitude"] * float(self._growth(time))
-        x = labels + (amplitude * np.cos(theta)) @ self._directions
-        z = float(self.level_at(time)) + np.sin(theta) @ amplitude
-        return np.concatenate([x, z[..., None]], axis=-1)
-
-    def particle_grid(self, x: ArrayLike, y: ArrayLike, time: float) -> Array:
-        """Positions (I, J, 3) [m] of the particles with labels (x_i, y_j), x: (I,) and y: (J,) [m].
-
-        `particles` on a grid, at the price of its sides: exp(i theta) is a product of one
-        factor for each x and one for each y, and summing over the waves a product of matrices.
-        """
-        waves = self.components
-        turns_x = np.outer(x, waves["turns_x"])
-        turns_y = np.outer(y, waves["turns_y"]) + waves["turns"] - waves["frequency"] * time
-        along_x = np.exp(2j * np.pi * (turns_x - np.round(turns_x)))
-        along_y = (
-            float(self._growth(time))
-            * waves["amplitude"]
-            * np.exp(2j * np.pi * (turns_y - np.round(turns_y)))
-        )
-        positions = np.empty((len(along_x), len(along_y), 3))
-        for axis, direction in enumerate(self._directions.T):
-            positions[..., axis] = ((along_x * direction) @ along_y.T).real
-        positions[..., 0] += np.reshape(x, (-1, 1))
-        positions[..., 1] += y
-        positions[..., 2] = float(self.level_at(time)) + (along_x @ along_y.T).imag
+        labels, sums = np.asarray(labels, dtype=float), np.empty(1, SUMS)
+        positions = np.empty((*labels.shape[:-1], 3))
+        flat, of = positions.reshape(-1, 3), labels.reshape(-1, 2)
+        for chunk, at, count in label_chunks(of):
+            wave_sums(count, self.components, float(time), at, sums)
+            flat[chunk] = chunk_rows(sums, "xyz", len(of[chunk]))
+        positions[..., :2] += labels
+        positions[..., 2] += self.level_at(time)
         return positions
-
-    def _growth(self, time: ArrayLike) -> Array:
-        """Which part of their heights the waves have at times [s]."""
-        if self.ramp == 0.0:
-            return np.ones(np.shape(time))
-        u = np.clip(np.asarray(time, dtype=float) / self.ramp, 0.0, 1.0)
-        return u * u * (3.0 - 2.0 * u)
-
-    @property
-    def _directions(self) -> Array:
-        """Unit vectors (waves, 2) in which the waves travel."""
-        return np.stack([self.components["direction_x"], self.components["direction_y"]], axis=1)
-
-    def _angles(self, labels: Array, time: Array) -> Array:
-        """theta (..., waves) [rad], within half a turn of 0, of all waves at labels (..., 2)."""
-        waves = self.components
-        turns = (
-            labels @ np.stack([waves["turns_x"], waves["turns_y"]])
-            + waves["turns"]
-            - waves["frequency"] * time[..., None]
-        )
-        return 2.0 * np.pi * (turns - np.round(turns))
 
 
 def checked_current(current: Sequence[float]) -> tuple[float, float, float]:
