@@ -26,7 +26,7 @@ from sim.kernels import CFunction, when_compiling
 from sim.mjcf.checks import check_physics
 from sim.mjcf.faults import Faults, ModelError, say
 from sim.mjcf.floats import first_state
-from sim.mjcf.notes import notes_about, notes_about_places
+from sim.mjcf.notes import notes_about, notes_about_positions
 from sim.mjcf.reading import read_model
 from sim.plugin import native
 from sim.plugin.context import Context, Contexts
@@ -181,7 +181,7 @@ def _look_at(model: int, context: Context) -> None:
             start = first_state(own)
         faults.refuse()
         sea, floats = context.sea, context.floats
-        return [*notes_about(own, sea, floats), *notes_about_places(own, start, sea, floats)]
+        return [*notes_about(own, sea, floats), *notes_about_positions(own, start, sea, floats)]
 
     say([*context.notes, *_apart(look)])
 
