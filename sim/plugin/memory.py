@@ -1,4 +1,4 @@
-"""Memory: MuJoCo's library, and numbers at addresses that it hands over."""
+"""Memory: MuJoCo's library, and numbers at addresses that it gives."""
 
 import ctypes
 from functools import cache
@@ -19,8 +19,8 @@ def mujoco_library() -> ctypes.CDLL:
 
 def function_address(library: ctypes.CDLL, name: str) -> int:
     """The address of a library's function; 0 if the library has none of that name."""
-    found = getattr(library, name, None)
-    return address_of(found) if found else 0
+    function = getattr(library, name, None)
+    return address_of(function) if function else 0
 
 
 def address_of(function: ctypes._CFuncPtr) -> int:
