@@ -14,7 +14,7 @@ from scenes import CUBE, WAVES, model, xml
 
 from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
 from sim import Scene, simulate
-from sim.runs.series import NAMES, Series
+from sim.runs.series import COLUMNS, Series
 from sim.runs.statistics import heights, start_times
 from sim.runs.sweep import Plan, Run, kept_rows, perform, runs_of
 from sim.runs.tables import read_columns, write_columns
@@ -270,7 +270,7 @@ def test_series_are_the_samples(tmp_path):
     command = (MODELS / "trio.xml", "--no-record", "--duration", "2", "--rate", "20", "--quiet")
     assert status_of("run.py", *command, "--series", path) == 0
     found = read_columns(path)
-    assert list(found) == ["time", "body", *NAMES]
+    assert list(found) == ["time", "body", *COLUMNS]
     scene = Scene.load(MODELS / "trio.xml")
     series = Series(scene)
     for sample in simulate(scene, 2.0, 20.0):

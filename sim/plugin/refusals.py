@@ -64,10 +64,8 @@ def refused(error: Exception) -> int:
         error = RuntimeError(f"{type(error).__name__}: {error}")
     thread.refusal = error
     faults = list(error.faults) if isinstance(error, ModelError) else [str(error)]
-    lengths = accumulate(map(len, faults))
-    shown = [
-        fault for fault, length in zip(faults, lengths, strict=True) if length < LARGEST_LENGTH
-    ]
+    fits = [len("".join(faults[: i + 1])) < LARGEST_LENGTH for i in range(len(faults))]
+    shown = faults[: sum(fits)]
     if not shown:
         shown = [faults[0][:LARGEST_LENGTH] + " ..."]
     if len(shown) < len(faults):

@@ -233,9 +233,7 @@ def _init(model: int, data: int, instance: int) -> int:
             states = word_at(data + declared("plugin_state"))
             states += 8 * integers_at(starts, instance + 1)[instance]
             word.value = homes.add(data, states, context, content, _movable_bodies(model))
-    except (
-        KeyboardInterrupt
-    ) as interrupt:  # cannot pass through MuJoCo: see `refusals_raised`
+    except KeyboardInterrupt as interrupt:  # cannot pass through MuJoCo: see `refusals_raised`
         refused(ModelError(["interrupted"]))
         thread.refusal = interrupt
         return -1
