@@ -135,7 +135,7 @@ def interrupted(tmp_path, *jobs: str) -> int:
     lines = kept.read_text().count("\n")
     *notes, stopped, resume = said.splitlines()
     assert stopped == "sweep.py: stopped by SIGINT"
-    assert resume == f"sweep.py: {lines - 1} of 12 runs are kept, --resume goes on"
+    assert resume == f"sweep.py: {lines - 1} of 12 runs are saved; --resume does the others"
     assert all(note.startswith("sweep.py: note: ") for note in notes)
     return lines
 
@@ -168,7 +168,7 @@ def test_a_killed_worker_is_said_and_what_was_done_is_kept(tmp_path):
     _, said = process.communicate(timeout=60)
     assert process.returncode == 4
     assert said.startswith("sweep.py: a process was killed")  # behind it joblib may tidy up
-    assert "of 12 runs are kept, --resume goes on" in said
+    assert "of 12 runs are saved; --resume does the others" in said
     assert "Traceback" not in said
     assert (tmp_path / "a.csv.rows").exists()
 
