@@ -104,7 +104,7 @@ def add_averaging_options(parser: argparse.ArgumentParser, rate: float) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--rate", type=positive, default=rate, metavar="HZ",
-        help=f"samples per second ({rate:g})",
+        help=f"samples per simulated second ({rate:g})",
     )  # fmt: skip
 
 
