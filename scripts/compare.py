@@ -200,13 +200,14 @@ def summarise(
     runs = history.after(options.warm_up)
     if len(runs) < options.starts:  # ended early
         return summary
+    last = history.last
     for b, body in enumerate(first.buoyancy.body_names):
         of_twins = {label: [v[:, i, :, b] for v in runs] for i, label in enumerate(labels)}
         baseline = of_twins[labels[0]]
         summary["means"][body] = {label: _means(series) for label, series in of_twins.items()}
         summary["differences"][body] = {
             label: _means([v - base for v, base in zip(series, baseline, strict=True)])
-            | {"metres_apart": _apart(history.last[0], history.last[i], b)}
+            | {"metres_apart": float(np.linalg.norm(last[i].centres[b] - last[0].centres[b]))}
             for i, (label, series) in enumerate(of_twins.items())
             if i > 0
         }
@@ -222,11 +223,6 @@ def _means(runs: list[np.ndarray]) -> dict[str, Any]:
         mean = mean_of_correlated(series[0]) if len(series) == 1 else mean_of_runs(series)
         means[name] = asdict(mean) | {"largest": float(np.abs(series).max())}
     return means
-
-
-def _apart(one: Sample, other: Sample, body: int) -> float:
-    """Distance [m] between two twins of a body."""
-    return float(np.linalg.norm(one.centres[body] - other.centres[body]))
 
 
 def print_summary(summary: dict[str, Any]) -> None:

@@ -58,29 +58,22 @@ class DragFields:
             [values.get("drag", np.zeros(3)), values.get("drag_angular", [0.0])]
         )
         matrices = {}
-        in_body = geom_in_inertial_frame(model, geom)
+        position, rotation = geom_in_inertial_frame(model, geom)
         try:
-            for base in ("added_mass", "damping"):
-                if base in values:
-                    share = afloat if values[base].size == 36 else 1.0
-                    matrix = _matrix_of(model, geom, hull, sea, base, values[base])
-                    matrices[base] = moved_matrix(matrix, *in_body) / share
+            if "added_mass" in values:
+                hull_of_body = hull.moved(rotation, position)
+                matrix = added_mass_matrix(hull_of_body, sea.density, values["added_mass"])
+                _check_diagonal(model, int(model.geom_bodyid[geom]), matrix)
+                matrices["added_mass"] = matrix
+            if "damping" in values:
+                matrices["damping"] = damping_matrix(values["damping"])
+            for base, matrix in matrices.items():
+                share = afloat if values[base].size == 36 else 1.0
+                matrices[base] = moved_matrix(matrix, position, rotation) / share
             return Drag(hull, sea, DragCoefficients(*coefficients), **matrices)
         except ValueError as error:
             names = " and ".join(f"'{source}'" for source in self.sources)
             raise ValueError(f"custom numeric {names}: {error}") from None
-
-
-def _matrix_of(
-    model: mujoco.MjModel, geom: int, hull: Hull, sea: Sea, base: str, numbers: Array
-) -> Array:
-    """Added mass or damping (6, 6) in the inertial frame of a geom's body."""
-    if base == "damping":
-        return damping_matrix(numbers)
-    position, rotation = geom_in_inertial_frame(model, geom)
-    matrix = added_mass_matrix(hull.moved(rotation, position), sea.density, numbers)
-    _check_diagonal(model, int(model.geom_bodyid[geom]), matrix)
-    return matrix
 
 
 def _check_diagonal(model: mujoco.MjModel, body: int, matrix: Array) -> None:

@@ -121,14 +121,12 @@ def _check_new(model: mujoco.MjModel, geom: int, listed: list[Listed]) -> None:
 
 
 def _check_movable(model: mujoco.MjModel, geom: int) -> None:
-    name, body = geom_label(model, geom), int(model.geom_bodyid[geom])
-    where = f"geom '{name}' belongs to body '{body_label(model, body)}'"
-    if body == 0:
-        where = f"geom '{name}' belongs to the world body"
+    body = int(model.geom_bodyid[geom])
     if model.body_weldid[body] == 0 or model.body_mocapid[body] >= 0:
+        owner = f"body '{body_label(model, body)}'" if body else "the world body"
         raise ValueError(
-            f"{where}, which cannot move and so cannot float; give its body a joint "
-            "(<freejoint/>) or remove it from the tuple 'buoyant'"
+            f"geom '{geom_label(model, geom)}' belongs to {owner}, which cannot move and so cannot "
+            "float; give its body a joint (<freejoint/>) or remove it from the tuple 'buoyant'"
         )
 
 

@@ -93,23 +93,22 @@ def _irregular(name: str, numbers: list[float], gravity: float) -> tuple[Wave, .
 def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
     """The waves in the files that texts name."""
     waves: list[Wave] = []
-    name = ""
-    try:
-        for name in (COMPONENTS, RECORD):
-            if name in texts and not Path(texts[name]).is_file():
+    for name in (name for name in (COMPONENTS, RECORD) if name in texts):
+        path = Path(texts[name])
+        try:
+            if not path.is_file():
                 raise ValueError(
-                    f"there is no file {Path(texts[name]).absolute()}; Scene.load searches beside "
-                    "the MJCF file, MuJoCo's compiler in the current folder: give a full path"
+                    f"there is no file {path.absolute()}; Scene.load searches beside the MJCF "
+                    "file, MuJoCo's compiler in the current folder: give a full path"
                 )
-            if name == COMPONENTS and name in texts:
-                waves += read_components(Path(texts[name]), gravity)
-            elif name in texts:
+            if name == COMPONENTS:
+                waves += read_components(path, gravity)
+            else:
                 numbers = _in_radians(RECORD, numerics.get(RECORD, ()))
                 heading, shortest, longest, *position = numbers
-                path, periods = Path(texts[name]), (shortest, longest)
-                waves += read_record(path, gravity, heading, periods, tuple(position))
-    except (ValueError, OSError) as error:
-        raise ValueError(f"custom text '{name}': {error}") from None
+                waves += read_record(path, gravity, heading, (shortest, longest), tuple(position))
+        except (ValueError, OSError) as error:
+            raise ValueError(f"custom text '{name}': {error}") from None
     if RECORD in numerics and RECORD not in texts:
         raise ValueError(f"custom numeric '{RECORD}' needs a text of the same name; add it")
     return waves

@@ -101,9 +101,12 @@ class SceneWriter:
             else HEAD_PALETTE
             for mesh in artist.meshes
         ]
-        self._log_static()
+        output.log(root or "/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._log_static_surfaces()
+        self._log_static_lines()
+        self._log_overview()
         output.flush()
-        artist.frame(observe(scene))  # compiles kernels before the run's time counts
+        artist.frame(observe(scene))  # compiles before the run's time counts
         artist.forget()
         self._sent_at = self._clock()
 
@@ -126,13 +129,6 @@ class SceneWriter:
     def finish(self) -> None:
         """Write the waiting frames and the means over the run."""
         self._send()
-        self._log_overview()
-
-    def _log_static(self) -> None:
-        """Log everything that does not change during a run."""
-        self._output.log(self._root or "/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        self._log_static_surfaces()
-        self._log_static_lines()
         self._log_overview()
 
     def _log_static_surfaces(self) -> None:
