@@ -1,5 +1,5 @@
-"""What the scripts have in common: options, exit statuses, errors and notes in one line, progress,
-tables, and files that are written whole."""
+"""Common functions of the scripts: options, exit statuses, errors and notes in one line, progress,
+tables, and atomic writing of files."""
 
 import argparse
 import errno
@@ -15,23 +15,23 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
-os.environ.setdefault("RUST_LOG", "off")  # else Rerun prints its errors beside ours
+os.environ.setdefault("RUST_LOG", "off")  # keeps Rerun from printing errors besides ours
 
 UNUSABLE_INPUT, DIVERGED, UNWRITABLE, BROKEN_PIPE = 2, 3, 4, 141
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
 
-LARGEST, MOST = 1e9, 1_000_000
-"""Numbers and counts on the command line are no larger."""
+LARGEST_NUMBER, LARGEST_COUNT = 1e9, 1_000_000
+"""Bounds of numbers and counts on the command line."""
 
 
 class Stopped(KeyboardInterrupt):
-    """One of STOPS has come; its argument is the number of the signal."""
+    """A signal of STOPS was received; the argument is its number."""
 
 
 class Parser(argparse.ArgumentParser):
-    """Says what is wrong with the command line in one line. doc: a script's docstring, of which the
-    first line describes it; None where Python leaves them out."""
+    """A parser that prints errors in one line. doc: a script's docstring, whose first line
+    describes the script; None if Python omits docstrings."""
 
     def __init__(self, doc: str | None) -> None:
         super().__init__(description=(doc or "").partition("\n")[0])
@@ -43,14 +43,15 @@ class Parser(argparse.ArgumentParser):
 def positive(text: str) -> float:
     """A number above 0 from the command line."""
     value = float(text)
-    if not 0.0 < value <= LARGEST:
-        raise argparse.ArgumentTypeError(f"{text} is not a number above 0, and at most {LARGEST:g}")
+    if not 0.0 < value <= LARGEST_NUMBER:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a number above 0 and at most {LARGEST_NUMBER:g}"
+        )
     return value
 
 
-def at_least(lowest: int, highest: int = MOST) -> Callable[[str], int]:
-    """A reader of whole numbers from the command line that are not below `lowest`, nor so many that
-    no machine has room for them."""
+def at_least(lowest: int, highest: int = LARGEST_COUNT) -> Callable[[str], int]:
+    """A reader of whole numbers from `lowest` to `highest` from the command line."""
 
     def read(text: str) -> int:
         value = int(text)
@@ -58,7 +59,7 @@ def at_least(lowest: int, highest: int = MOST) -> Callable[[str], int]:
             raise argparse.ArgumentTypeError(f"{value} is not from {lowest} to {highest}")
         return value
 
-    read.__name__ = "whole number"  # argparse's word for it when int() fails
+    read.__name__ = "whole number"  # appears in argparse's error if int() fails
     return read
 
 
@@ -71,7 +72,7 @@ def named_number(text: str) -> tuple[str, float]:
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """Options that change a scene."""
+    """Add the options that change a scene."""
     from sim.mjcf.fields import described
 
     fields = [f"  {name}: {meaning}\n      {value}\n" for name, value, meaning in described()]
@@ -89,26 +90,26 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
         "--density", action="append", default=[], type=named_number, dest="densities",
         metavar="GEOM=KG/M3", help="overrides the density of a geom",
     )  # fmt: skip
-    parser.add_argument("--keyframe", metavar="NAME", help="where to start (the first keyframe)")
+    parser.add_argument("--keyframe", metavar="NAME", help="start (the first keyframe)")
 
 
 def add_averaging_options(parser: argparse.ArgumentParser, rate: float) -> None:
-    """How long runs are of which means are taken."""
+    """Add the options of runs whose samples are averaged."""
     parser.add_argument(
         "--duration", type=positive, default=60.0, metavar="S", help="simulated seconds (60)"
     )
     parser.add_argument(
         "--warm-up", type=positive, default=10.0, metavar="S",
-        help="seconds that the means leave out (10)",
+        help="seconds that the means ignore (10)",
     )  # fmt: skip
     parser.add_argument(
         "--rate", type=positive, default=rate, metavar="HZ",
-        help=f"samples a simulated second ({rate:g})",
+        help=f"samples per simulated second ({rate:g})",
     )  # fmt: skip
 
 
 def scene_options(options: argparse.Namespace) -> dict[str, Any]:
-    """The arguments of `Scene.load` for these options, besides the settings."""
+    """The arguments of `Scene.load` for these options, except the settings."""
     return {
         "timestep": options.timestep,
         "keyframe": options.keyframe,
@@ -117,22 +118,21 @@ def scene_options(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def say(text: object) -> None:
-    """Print a line on stderr that begins with the script's name."""
+    """Print a line with the script's name to stderr."""
     print(f"{Path(sys.argv[0]).name}: {text}", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def notes_said(quiet: bool = False) -> Iterator[None]:
-    """At the end of the block, print what it and MuJoCo warned of, each once and in one line. A
-    block that fails prints nothing, except the notes on a model with faults, which may explain
-    them."""
+    """Print the warnings of the block and of MuJoCo at its end, each once and in one line. If the
+    block fails, print only the notes about a model with faults, which may explain them."""
     import mujoco
 
     from sim import Note
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
-        # MuJoCo itself would write a log file into the current folder.
+        # otherwise MuJoCo writes a log file into the current folder
         mujoco.set_mju_user_warning(lambda text: warnings.warn(f"MuJoCo: {text}", stacklevel=2))
         try:
             yield
@@ -148,7 +148,7 @@ def notes_said(quiet: bool = False) -> Iterator[None]:
 
 
 def failure(error: BaseException) -> int:
-    """Print an error, a line for each fault of a model, and return its exit status."""
+    """Print an error, with a line for each fault of a model, and return the exit status."""
     from sim import DivergenceError
 
     if isinstance(error, Stopped):
@@ -156,14 +156,14 @@ def failure(error: BaseException) -> int:
         return 128 + error.args[0]
     for fault in getattr(error, "faults", (error,)):
         say(" ".join(str(fault).splitlines()))
-    # The kinds of OSError (no such file, no permission, ...) and long names are faults of a path.
+    # subclasses of OSError (no such file, no permission, ...) and long names are faults of a path
     if type(error) is OSError and error.errno != errno.ENAMETOOLONG:
         return UNWRITABLE
     return DIVERGED if isinstance(error, DivergenceError) else UNUSABLE_INPUT
 
 
 def progress(total: float, unit: str, quiet: bool = False) -> Any:
-    """A bar on a terminal, and nothing elsewhere; `.update(amount)` moves it."""
+    """A progress bar on a terminal, and nothing elsewhere; `.update(amount)` advances it."""
     from tqdm import tqdm
 
     shape = "{percentage:3.0f} %|{bar}| {n:.4g} of {total:g} {unit}, {remaining} left"
@@ -174,7 +174,7 @@ def progress(total: float, unit: str, quiet: bool = False) -> Any:
 
 
 def print_table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print rows below their titles: the first column to the left, the others to the right."""
+    """Print rows below titles, with the first column aligned left and the others right."""
     widths = [max(map(len, column)) for column in zip(titles, *rows, strict=True)]
     for first, *others in (titles, *rows):
         cells = [f"{cell:>{width}}" for cell, width in zip(others, widths[1:], strict=True)]
@@ -182,25 +182,25 @@ def print_table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path]) -> None:
-    """Refuse, before the work, an output that is no file, is also an input or another output, or
-    cannot be written. Raises ValueError."""
+    """Raise ValueError for an output that is no file, is also an input or another output, or cannot
+    be written."""
     read, written = {path.resolve() for path in inputs}, set()
     for path in filter(None, outputs):
         target = path.resolve()
-        there = next(p for p in (target, *target.parents) if p.exists())
-        if there == target and not target.is_file():
+        existing = next(p for p in (target, *target.parents) if p.exists())
+        if existing == target and not target.is_file():
             raise ValueError(f"{path} is a folder or a device; give the name of a file")
         if target in read:
             raise ValueError(f"{path} is read and would be written over; give another name")
         if target in written:
             raise ValueError(f"{path} is given for two outputs; give each its own name")
-        if not os.access(there, os.W_OK) or (there != target and not there.is_dir()):
-            raise ValueError(f"{path} cannot be written because of {there}; give another name")
+        if not os.access(existing, os.W_OK) or (existing != target and not existing.is_dir()):
+            raise ValueError(f"{path} cannot be written because of {existing}; give another name")
         written.add(target)
 
 
 def check_drawable(path: Path | None) -> None:
-    """Raise ValueError where a figure is asked for and matplotlib is missing."""
+    """Raise ValueError if a figure needs matplotlib and it is not installed."""
     if path is not None and importlib.util.find_spec("matplotlib") is None:
         raise ValueError(
             "a figure needs matplotlib, which is not installed; run: pip install '.[report]'"
@@ -208,47 +208,47 @@ def check_drawable(path: Path | None) -> None:
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` write a file beside a path and move it there when it is whole: what fails leaves
-    the old file. Missing folders are made."""
-    target = path.resolve()  # of a link, not the link itself
+    """Write a file atomically: `write` writes another file in its folder, which then replaces it. A
+    failure leaves the old file. Missing folders are made."""
+    target = path.resolve()  # replaces the target of a link, not the link
     target.parent.mkdir(parents=True, exist_ok=True)
-    beside = target.with_name(f".{os.getpid()}.{target.name}")
+    temporary = target.with_name(f".{os.getpid()}.{target.name}")
     try:
-        write(beside)
-        beside.replace(target)
+        write(temporary)
+        temporary.replace(target)
     finally:
-        beside.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 def write_json(path: Path | None, report: Any) -> None:
-    """Write a report to the file that was asked for, if one was."""
+    """Write a report to a file, unless the path is None."""
     if path is not None:
         text = json.dumps(report, indent=2) + "\n"
-        write_whole(path, lambda beside: beside.write_text(text))
+        write_whole(path, lambda temporary: temporary.write_text(text))
 
 
 @contextmanager
 def stops_held() -> Iterator[Callable[[], None]]:
-    """Hold Ctrl-C and SIGTERM back, and give a function that raises Stopped where one has come. A
-    run calls it between two samples and ends with nothing half done. Raised anywhere, an exception
-    would be lost where MuJoCo waits for a method in Python."""
+    """Hold Ctrl-C and SIGTERM back, and give a function that raises Stopped if one was received. A
+    run calls it between two samples. An exception at any other point could be lost while MuJoCo
+    waits for a method in Python."""
     received: list[int] = []
 
     def check() -> None:
         if received:
             raise Stopped(received[0])
 
-    former = [signal.signal(stop, lambda number, _: received.append(number)) for stop in STOPS]
+    handlers = [signal.signal(stop, lambda number, _: received.append(number)) for stop in STOPS]
     try:
         yield check
         check()
     finally:
-        for stop, handler in zip(STOPS, former, strict=True):
+        for stop, handler in zip(STOPS, handlers, strict=True):
             signal.signal(stop, handler)
 
 
 def run_script(main: Callable[[], int]) -> NoReturn:
-    """End the process with the exit status of `main`, also where it is stopped or cannot write."""
+    """End the process with the exit status of `main`, also if it is stopped or cannot write."""
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
         raise Stopped(number)
@@ -258,7 +258,7 @@ def run_script(main: Callable[[], int]) -> NoReturn:
     try:
         status = main()
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader of the output has gone (`| head`)
+    except BrokenPipeError:  # the reader of the output has ended (`| head`)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the last flush
         status = BROKEN_PIPE
     except (OSError, Stopped) as error:

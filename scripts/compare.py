@@ -1,14 +1,14 @@
-"""Run one scene with several methods at once and say whether they make a difference.
+"""Run one scene with several methods and print whether their results differ.
 
     python scripts/compare.py models/cube.xml --methods linear chord:4
 
-Each method moves a twin of the scene in the same water, all stepped together and drawn side by side
-in one recording. What is compared are means over the time after the warm-up: the paths
-themselves drift apart in waves from any difference, however small. Where a body has several ways
-to float and keeps one for long, one run tells little: --starts begins again at other times.
+Each method has a twin of the scene in the same water. The twins are stepped together and drawn side
+by side in one recording. Means after the warm-up are compared, because in waves paths drift apart
+from any difference, however small. If a body has several rests and stays in one for long, one run
+is not representative: --starts adds runs at other times.
 
-Exit status: 0 on success, 2 on unusable input, 3 when a twin diverged, 4 when a file cannot be
-written, 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on disk.
+Exit status: 0 on success, 2 on unusable input, 3 if a twin diverged, 4 if a file cannot be written,
+130 after Ctrl-C, 143 after SIGTERM. The recording until then is on disk.
 """
 
 import argparse
@@ -52,28 +52,28 @@ from sim.runs.statistics import (
 from sim.scenes.spec import read_spec
 
 QUANTITIES = {"height_m": 1e3, "tilt_deg": 1.0}
-"""What is averaged, and what turns its differences into the mm and degrees that are printed."""
+"""The averaged quantities, and the factors that convert their differences to mm and degrees."""
 
-MEASURABLE = 3.0
-"""Standard errors from zero at which a difference is said to be measured: with some sixteen batches
-chance alone does that once in a hundred times."""
+MEASURABLE_ERRORS = 3.0
+"""Smallest measured difference, in standard errors. With about sixteen batches chance exceeds it
+once in a hundred times."""
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(__doc__)
     parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
     parser.add_argument("--methods", nargs="+", required=True, metavar="METHOD",
-                        help="METHOD[:NUMBER][/PRESSURE], as chord:4 or patches:1e-3/hydrostatic; "
-                        "the others are compared with the first")  # fmt: skip
+                        help="METHOD[:NUMBER][/PRESSURE], for example chord:4 or "
+                        "patches:1e-3/hydrostatic; the first is the baseline")  # fmt: skip
     add_averaging_options(parser, rate=30.0)
     parser.add_argument("--starts", type=at_least(1), default=1, metavar="N",
-                        help="runs; later ones begin at random times of the sea (1)")  # fmt: skip
+                        help="runs; later runs begin at random times of the sea (1)")  # fmt: skip
     add_scene_options(parser)
     record = parser.add_mutually_exclusive_group()
     record.add_argument("--record", type=Path, metavar="FILE.rrd",
-                        help="default recordings/<scene>_twins.rrd")  # fmt: skip
+                        help="recording (recordings/<scene>_twins.rrd)")  # fmt: skip
     record.add_argument("--no-record", action="store_true", help="write no recording")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="file for the summary")
     return parser.parse_args(arguments)
 
 
@@ -86,10 +86,10 @@ def load(options: argparse.Namespace) -> dict[str, Scene]:
             f"{options.warm_up:g} s, and means need {FEWEST_BATCHES}; run longer"
         )
     twins: dict[str, Scene] = {}
-    for text in options.methods:
-        scene = load_twin(options, text)
-        same = sum(label.split(" ")[0] == text for label in twins)
-        twins[f"{text} ({same + 1})" if same else text] = scene
+    for label in options.methods:
+        scene = load_twin(options, label)
+        equal = sum(other.split(" ")[0] == label for other in twins)
+        twins[f"{label} ({equal + 1})" if equal else label] = scene
     return twins
 
 
@@ -98,8 +98,8 @@ def load_twin(options: argparse.Namespace, label: str) -> Scene:
     fields = fields_of(label)
     spec = read_spec(options.scene)
     names = [text.name for text in spec.texts if METHOD in text.name]
-    attached = prefixes_of(each.name for each in spec.tuples)
-    methods = dict.fromkeys([*names, *(prefix + METHOD for prefix in attached)], fields[METHOD])
+    prefixes = prefixes_of(listing.name for listing in spec.tuples)
+    methods = dict.fromkeys([*names, *(prefix + METHOD for prefix in prefixes)], fields[METHOD])
     settings = [f"{name}={value}" for name, value in (fields | methods).items()]
     return Scene.load(
         options.scene, settings=[*options.settings, *settings], **scene_options(options)
@@ -107,7 +107,7 @@ def load_twin(options: argparse.Namespace, label: str) -> Scene:
 
 
 class History:
-    """Heights [m] and tilts [deg] of all bodies of all twins, sample after sample, run by run."""
+    """Heights [m] and tilts [deg] of all bodies of all twins in all samples of all runs."""
 
     def __init__(self, twins: int, timestep: float) -> None:
         self.timestep = timestep
@@ -128,20 +128,20 @@ class History:
         self._ages.append([])
 
     def add(self, samples: tuple[Sample, ...]) -> None:
-        # counted in steps: times differ in their last digits between starts
+        # from steps, because the round-off of times differs between starts
         self._ages[-1].append(samples[0].step * self.timestep)
         self._runs[-1].append(np.array([[s.centres[:, 2], np.degrees(s.tilts)] for s in samples]))
         self.last = samples
 
     def end(self) -> None:
-        """Add up what the run's steps took."""
+        """Add the steps of the run and their wall time to the sums."""
         if self.last:
             self.steps += self.last[0].step
             self.buoyancy_seconds += [s.buoyancy_seconds for s in self.last]
 
     def after(self, warm_up: float) -> list[np.ndarray]:
-        """For every run (N, twins, quantities, bodies), without the warm-up [s]; a run that ended
-        too early for means is left out."""
+        """An array (N, twins, quantities, bodies) for each run, without the warm-up [s] and without
+        runs that are too short for means."""
         values = [
             np.array(run)[np.array(ages) > warm_up - 1e-9]
             for run, ages in zip(self._runs, self._ages, strict=True)
@@ -157,8 +157,8 @@ def run(
     history: History,
     check: Callable[[], None],
 ) -> None:
-    """Simulate all twins in lockstep, start after start, and check whether to stop. The recorder
-    gets the first run."""
+    """Simulate all twins in lockstep from each start, and check whether to stop. The first run is
+    recorded."""
     with progress(options.starts * options.duration, "s") as bar:
         for i, time in enumerate(start_times(options.starts)):
             if i > 0:
@@ -182,7 +182,7 @@ def run(
 def summarise(
     twins: Mapping[str, Scene], options: argparse.Namespace, history: History
 ) -> dict[str, Any]:
-    """The comparison in numbers, under the keys of --json."""
+    """The summary of the comparison, with the keys of --json."""
     labels, first = list(twins), next(iter(twins.values()))
     microseconds = 1e6 * history.buoyancy_seconds / max(history.steps, 1)
     summary: dict[str, Any] = {
@@ -198,15 +198,16 @@ def summarise(
         "differences": {},
     }
     runs = history.after(options.warm_up)
-    if len(runs) < options.starts:  # it ended early
+    if len(runs) < options.starts:  # ended early
         return summary
+    last = history.last
     for b, body in enumerate(first.buoyancy.body_names):
         of_twins = {label: [v[:, i, :, b] for v in runs] for i, label in enumerate(labels)}
         baseline = of_twins[labels[0]]
         summary["means"][body] = {label: _means(series) for label, series in of_twins.items()}
         summary["differences"][body] = {
             label: _means([v - base for v, base in zip(series, baseline, strict=True)])
-            | {"metres_apart": _apart(history.last[0], history.last[i], b)}
+            | {"metres_apart": float(np.linalg.norm(last[i].centres[b] - last[0].centres[b]))}
             for i, (label, series) in enumerate(of_twins.items())
             if i > 0
         }
@@ -214,19 +215,14 @@ def summarise(
 
 
 def _means(runs: list[np.ndarray]) -> dict[str, Any]:
-    """Means of the quantities (N, quantities) of all runs with all that is known of their errors,
-    and the largest value on the way."""
+    """Means of the quantities over all runs, each (N, quantities), with their errors and the
+    largest absolute values."""
     means = {}
     for q, name in enumerate(QUANTITIES):
         series = [values[:, q] for values in runs]
         mean = mean_of_correlated(series[0]) if len(series) == 1 else mean_of_runs(series)
         means[name] = asdict(mean) | {"largest": float(np.abs(series).max())}
     return means
-
-
-def _apart(one: Sample, other: Sample, body: int) -> float:
-    """Distance [m] between two twins of a body."""
-    return float(np.linalg.norm(one.centres[body] - other.centres[body]))
 
 
 def print_summary(summary: dict[str, Any]) -> None:
@@ -267,8 +263,8 @@ def _verdict(difference: dict[str, Any]) -> str:
         return "identical"
     if not difference["settled"]:
         return "undecided: still correlated over the longest batches, run longer"
-    sure = abs(difference["value"]) > MEASURABLE * difference["error"]
-    return "measured" if sure else "not measurable"
+    is_measured = abs(difference["value"]) > MEASURABLE_ERRORS * difference["error"]
+    return "measured" if is_measured else "not measurable"
 
 
 def main(arguments: list[str] | None = None) -> int:

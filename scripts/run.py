@@ -1,9 +1,9 @@
-"""Run a scene headless, record it, and say what happened.
+"""Run scenes headless, record them, and print a summary.
 
     python scripts/run.py models/bunny.xml
 
-Exit status: 0 on success, 2 on unusable input, 3 when the state diverged, 4 when a file cannot be
-written, 130 after Ctrl-C, 143 after SIGTERM; what was recorded until then is on disk.
+Exit status: 0 on success, 2 on unusable input, 3 if the state diverged, 4 if a file cannot be
+written, 130 after Ctrl-C, 143 after SIGTERM. The recording until then is on disk.
 """
 
 import argparse
@@ -47,61 +47,64 @@ from sim.runs.tables import check_ending, write_columns
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(__doc__)
     parser.add_argument(
-        "scenes", type=Path, nargs="+", metavar="SCENE", help="MJCF files, run in turn"
+        "scenes", type=Path, nargs="+", metavar="SCENE", help="MJCF files, run one after another"
     )
     parser.add_argument(
         "--duration", type=positive, default=10.0, metavar="S", help="simulated seconds (10)"
     )
     parser.add_argument(
-        "--rate", type=positive, default=30.0, metavar="HZ", help="samples a simulated second (30)"
+        "--rate",
+        type=positive,
+        default=30.0,
+        metavar="HZ",
+        help="samples per simulated second (30)",
     )
     add_scene_options(parser)
     add_recording_options(parser)
     parser.add_argument(
-        "--series", type=Path, metavar="FILE", help="write all samples there: .csv .parquet .npz"
+        "--series", type=Path, metavar="FILE", help="table of all samples: .csv .parquet .npz"
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the summary there")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="file for the summary")
+    parser.add_argument("--quiet", action="store_true", help="print only errors")
     options = parser.parse_args(arguments)
     for name in ("record", "series", "json") if len(options.scenes) > 1 else ():
         if getattr(options, name) is not None:
             parser.error(f"--{name} names one file, and there are {len(options.scenes)} scenes")
     if options.record_rate is not None and options.record_rate > options.rate:
         parser.error(
-            f"--record-rate {options.record_rate:g} is above the {options.rate:g} samples a second "
-            "that there are; raise --rate"
+            f"--record-rate {options.record_rate:g} is above --rate {options.rate:g}; raise --rate"
         )
     return options
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
-    """Whether a recording is made, and how it looks."""
+    """Add the options of the recording."""
     record = parser.add_mutually_exclusive_group()
     record.add_argument(
-        "--record", type=Path, metavar="FILE.rrd", help="default recordings/<scene>.rrd"
+        "--record", type=Path, metavar="FILE.rrd", help="recording (recordings/<scene>.rrd)"
     )
     record.add_argument("--no-record", action="store_true", help="write no recording")
     parser.add_argument(
-        "--record-rate", type=positive, metavar="HZ", help="recorded of them a second (all)"
+        "--record-rate", type=positive, metavar="HZ", help="recorded samples per second (all)"
     )
     parser.add_argument(
-        "--water-size", type=positive, metavar="M", help="side of the water that is drawn"
+        "--water-size", type=positive, metavar="M", help="side of the drawn square of water"
     )
     parser.add_argument(
         "--water-resolution",
         type=at_least(2, MOST_RESOLUTION),
         default=48,
         metavar="N",
-        help="its vertices a side (48)",
+        help="vertices along its side (48)",
     )
     parser.add_argument(
-        "--colour", choices=COLOURS, default=COLOURS[0], help="of the hulls (wet parts darker)"
+        "--colour", choices=COLOURS, default=COLOURS[0], help="colouring of the hulls (wet)"
     )
-    parser.add_argument("--view", action="store_true", help="show the run in a viewer as it goes")
+    parser.add_argument("--view", action="store_true", help="show the run in a viewer")
 
 
 def load(path: Path, options: argparse.Namespace) -> Scene:
-    """Load the scene and compute everything once, which compiles the kernels."""
+    """Load the scene and observe it once, which compiles the kernels."""
     scene = Scene.load(path, settings=options.settings, **scene_options(options))
     check_run(scene, options.duration, options.rate)
     observe(scene)
@@ -111,7 +114,7 @@ def load(path: Path, options: argparse.Namespace) -> Scene:
 def open_recorder(
     recording: Path | None, scene: Scene, options: argparse.Namespace
 ) -> Recorder | None:
-    """What writes and shows the run; None when it is neither recorded nor viewed."""
+    """The recorder of a run; None if it is neither recorded nor viewed."""
     if recording is None and not options.view:
         return None
     water = options.water_size, options.water_resolution
@@ -123,15 +126,15 @@ def open_recorder(
 def run(
     scene: Scene,
     options: argparse.Namespace,
-    takers: Sequence[Callable[[Sample], None]],
+    consumers: Sequence[Callable[[Sample], None]],
     check: Callable[[], None],
 ) -> None:
-    """Simulate, give each sample to those who take it, and check whether to stop."""
+    """Simulate, give each sample to all consumers, and check whether to stop."""
     with progress(options.duration, "s", options.quiet) as bar:
         start = scene.data.time
         for sample in simulate(scene, options.duration, options.rate):
-            for take in takers:
-                take(sample)
+            for consume in consumers:
+                consume(sample)
             bar.update(sample.time - start - bar.n)
             check()
 
@@ -139,7 +142,7 @@ def run(
 def summarise(
     scene: Scene, tally: Tally, wall_s: float, recording: Path | None, recorder: Recorder | None
 ) -> dict[str, Any]:
-    """The run in numbers, under the keys of --json."""
+    """The summary of a run, with the keys of --json."""
     last, timestep = tally.last, scene.model.opt.timestep
     steps = last.step
     return {
@@ -183,7 +186,7 @@ def print_summary(summary: dict[str, Any]) -> None:
 
 
 def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, Any] | None]:
-    """Run one scene; the exit status, and the summary of what was done."""
+    """Run one scene. Returns the exit status and the summary, or None if nothing was run."""
     recording = None
     if not options.no_record:
         recording = options.record or Path("recordings") / f"{path.stem}.rrd"
@@ -198,12 +201,12 @@ def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, A
     except (ValueError, OSError) as error:
         return failure(error), None
     tally, status, started = Tally(scene), 0, perf_counter()
-    takers = [tally.add]
-    takers += [] if series is None else [series.add]
-    takers += [] if recorder is None else [recorder.log]
+    consumers = [tally.add]
+    consumers += [] if series is None else [series.add]
+    consumers += [] if recorder is None else [recorder.log]
     try:
         with stops_held() as check, notes_said(options.quiet), recorder or nullcontext():
-            run(scene, options, takers, check)
+            run(scene, options, consumers, check)
     except (DivergenceError, OSError, Stopped) as error:
         status = failure(error)
     summary = summarise(scene, tally, perf_counter() - started, recording, recorder)
@@ -211,41 +214,41 @@ def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, A
         write_json(options.json, summary)
         if series is not None:
             kind, columns = options.series.suffix, series.columns()
-            write_whole(options.series, lambda beside: write_columns(beside, columns, kind))
+            write_whole(options.series, lambda path: write_columns(path, columns, kind))
     finally:
         if not options.quiet:
             print_summary(summary)
     return status, summary
 
 
-ENDS = {0: "done", UNUSABLE_INPUT: "refused", DIVERGED: "diverged", UNWRITABLE: "unwritable"}
+OUTCOMES = {0: "done", UNUSABLE_INPUT: "refused", DIVERGED: "diverged", UNWRITABLE: "unwritable"}
 
 
-def print_runs(ends: Sequence[tuple[Path, int, dict[str, Any] | None]]) -> None:
-    """A table of several runs, one a line."""
+def print_runs(runs: Sequence[tuple[Path, int, dict[str, Any] | None]]) -> None:
+    """Print a table of several runs (path, status, summary)."""
     cells = []
-    for path, status, summary in ends:
+    for path, status, summary in runs:
         numbers = ("", "", "")
         if summary is not None:
             numbers = (
                 f"{summary['duration']:.1f}", f"{summary['realtime_factor']:.1f}",
                 f"{summary['buoyancy_us_per_step']:.1f}",
             )  # fmt: skip
-        cells.append((str(path), ENDS.get(status, "stopped"), *numbers))
+        cells.append((str(path), OUTCOMES.get(status, "stopped"), *numbers))
     print()
     print_table(("scene", "end", "s", "x real time", "us in buoyancy"), cells)
 
 
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
-    ends = []
+    runs = []
     for path in options.scenes:
-        ends.append((path, *run_scene(path, options)))
-        if ends[-1][1] > 128:  # whoever interrupts one means all
+        runs.append((path, *run_scene(path, options)))
+        if runs[-1][1] > 128:  # a signal stops all runs
             break
     if len(options.scenes) > 1 and not options.quiet:
-        print_runs(ends)
-    return next((status for _, status, _ in ends if status), 0)
+        print_runs(runs)
+    return next((status for _, status, _ in runs if status), 0)
 
 
 if __name__ == "__main__":

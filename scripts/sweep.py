@@ -1,4 +1,4 @@
-"""Run a scene with many settings, seeds and start times, and write a table with one row per run.
+"""Run a scene with many settings, seeds and start times, and write a table with a row per run.
 
     python scripts/sweep.py models/bunny.xml --set wave_swell.amplitude=0.05,0.1,0.2 --output a.csv
     python scripts/sweep.py my.xml --seeds 20 --jobs -1 --output seeds.parquet
@@ -90,9 +90,9 @@ def rows_of(plan: Plan, runs: Sequence[Run], options: argparse.Namespace) -> Ite
         return
     with ExitStack() as stack:
         if options.dask is None:
-            deaf = signal.SIGINT, signal.SIG_IGN  # only this process handles a Ctrl-C
+            ignore = signal.SIGINT, signal.SIG_IGN  # only this process handles a Ctrl-C
             config = parallel_config(
-                "loky", n_jobs=options.jobs, initializer=signal.signal, initargs=deaf
+                "loky", n_jobs=options.jobs, initializer=signal.signal, initargs=ignore
             )
             stack.enter_context(config)
         else:
@@ -143,20 +143,21 @@ def collect(
 
 def print_summary(rows: Sequence[Row], wall_s: float, path: Path) -> None:
     held = [row for row in rows if row["status"] == "held"]
-    spent = sum(row["seconds"] for row in rows)
-    beside = sum(row["seconds"] - row["stepping_seconds"] for row in rows)
+    seconds = sum(row["seconds"] for row in rows)
+    other_seconds = sum(row["seconds"] - row["stepping_seconds"] for row in rows)
     if held:
         names = [n for n in held[0] if n.endswith((" std", " drift x", "period"))]
         columns = as_columns(held)
         cells = [
-            (name, *(f"{of(columns[name]):.4g}" for of in (np.nanmin, np.nanmean, np.nanmax)))
+            (name, *(f"{f(columns[name]):.4g}" for f in (np.nanmin, np.nanmean, np.nanmax)))
             for name in names
             if np.isfinite(columns[name]).any()
         ]
         print_table(("over the runs", "least", "mean", "most"), cells)
     print(
         f"\n{len(rows)} runs, {len(held)} held, in {path}: {60.0 * len(rows) / wall_s:.0f} runs a "
-        f"minute; a run {spent / len(rows):.2f} s, {beside / len(rows):.2f} s of it not stepping"
+        f"minute; {seconds / len(rows):.2f} s per run, {other_seconds / len(rows):.2f} s of it not "
+        "stepping"
     )
     for row in [row for row in rows if row["status"] != "held"][:5]:
         print(f"run {row['run']}: {row['status']}")
@@ -172,7 +173,7 @@ def main(arguments: list[str] | None = None) -> int:
         plan = Plan(options.scene.resolve(), options.duration, options.warm_up, options.rate)
         rows = kept_rows(kept, plan, runs) if options.resume else []
         if not options.resume and kept.exists():
-            raise ValueError(f"{kept} has rows of an interrupted sweep; --resume, or remove it")
+            raise ValueError(f"{kept} has rows of an interrupted sweep; use --resume or remove it")
         check_cluster(options.dask)
         with notes_said(options.quiet):
             check_plan(plan, runs[0])
@@ -183,10 +184,10 @@ def main(arguments: list[str] | None = None) -> int:
         collect(plan, runs, rows, options, kept)
     except (OSError, Stopped) as error:
         status = failure(error)
-        say(f"{len(rows)} of {len(runs)} runs are kept, --resume goes on")
+        say(f"{len(rows)} of {len(runs)} runs are saved; --resume does the others")
         return status
     kind, columns = options.output.suffix, as_columns(rows)
-    write_whole(options.output, lambda beside: write_columns(beside, columns, kind))
+    write_whole(options.output, lambda path: write_columns(path, columns, kind))
     kept.unlink()
     if not options.quiet:
         print_summary(rows, (perf_counter() - started) * len(rows) / max(len(rows) - before, 1),

@@ -1,22 +1,21 @@
 """Waterline: mesh buoyancy on Gerstner waves for MuJoCo.
 
-The rooms of the house. Each imports only from lines below its own (`tests/test_layers.py`
-reads this map and keeps it so):
+Its packages and modules. Each imports only from the lines below its own; `tests/test_layers.py`
+checks that:
 
     recording/                recordings for Rerun
-    runs/                     the stepping loop, samples of a run, series, sweeps, statistics
-    scenes/                   an MJCF file as a scene, its hydrostatics, what Python may ask
-    plugin/                   the engine plugin: what MuJoCo calls in every step
-    mjcf/                     what a compiled model says about water and hulls
+    runs/                     the stepping loop, samples, series, sweeps, statistics
+    scenes/                   an MJCF file as a scene, its hydrostatics, the interface in Python
+    plugin/                   the engine plugin, which MuJoCo calls in every step
+    mjcf/                     reads the water and the hulls from a compiled model
     methods/, resistance/     (hull, sea, pose, time) -> wrench of the water; drag, added mass
-    statics/                  how a body rests in still water, and what brings it back
-    hulls/, water/            closed surfaces, from files too, their repair; waves and pressure
+    statics/                  rest and stability of a body in still water
+    hulls/, water/            closed surfaces and their repair; waves and pressure
     geometry                  areas, volumes, rotations of triangles and bodies
-    kernels                   how kernels are compiled, and the blocks of tables they read
-    addresses                 arrays, functions and counters at places in memory
+    kernels                   compilation of kernels, and the blocks of tables they read
+    addresses                 arrays, functions and counters at addresses in memory
 
-Nothing below mjcf knows MuJoCo, and only recording knows Rerun, which is loaded when it is first
-asked for.
+Nothing below mjcf imports MuJoCo. Only recording imports Rerun, which is loaded at first use.
 """
 
 from importlib import import_module
@@ -42,12 +41,12 @@ if TYPE_CHECKING:
     from sim.recording.recorder import Recorder
     from sim.recording.twins import SideBySideRecorder
 
-_LATER = {
+_LAZY_MODULES = {
     "Recorder": "sim.recording.recorder",
     "SideBySideRecorder": "sim.recording.twins",
     "read_series": "sim.recording.reader",
 }
-"""Public names whose modules are loaded when they are first asked for."""
+"""Modules of the public names that are loaded at first use."""
 
 __all__ = [
     "Buoyancy",
@@ -79,6 +78,6 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _LATER:
+    if name not in _LAZY_MODULES:
         raise AttributeError(f"module 'sim' has no attribute '{name}'")
-    return getattr(import_module(_LATER[name]), name)
+    return getattr(import_module(_LAZY_MODULES[name]), name)

@@ -1,6 +1,6 @@
-"""Geometry: triangles, the solids that they enclose, and rotations; each formula once.
+"""Geometry: triangles, the solids that they enclose, and rotations.
 
-Corners are (F, 3, 3) [m]: three corners a, b, c a triangle, counterclockwise seen from outside.
+Corners are (F, 3, 3) [m]: the corners a, b, c of each triangle, counterclockwise seen from outside.
 """
 
 from collections.abc import Callable
@@ -16,11 +16,12 @@ Flags = NDArray[np.bool_]
 
 
 FEWEST_STRIPS = 4
-"""With fewer strips than this, halving triangles makes no more pieces than strips would."""
+"""Smallest number of strips that a sliver is cut into. Halving makes no more pieces than fewer
+strips would."""
 
 
 def area_vectors(corners: Array) -> Array:
-    """Outward vectors (F, 3) [m^2], as long as the triangle is large: (b - a) x (c - a) / 2."""
+    """Outward normals (F, 3) [m^2] whose length is the area: (b - a) x (c - a) / 2."""
     a, b, c = np.moveaxis(corners, 1, 0)
     return 0.5 * np.cross(b - a, c - a)
 
@@ -31,8 +32,8 @@ def areas(corners: Array) -> Array:
 
 
 def cone_volumes(corners: Array) -> Array:
-    """Signed volumes (F,) [m^3] of the cones from the origin to the triangles, which for a closed
-    surface add up to what it encloses (Gauss)."""
+    """Signed volumes (F,) [m^3] of the cones from the origin to the triangles. Over a closed
+    surface they add up to the enclosed volume (Gauss)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     return np.einsum("fi,fi->f", a, np.cross(b, c)) / 6.0
 
@@ -43,20 +44,20 @@ def cone_centroid(corners: Array, volumes: Array) -> Array:
 
 
 def cone_moments(corners: Array, volumes: Array) -> Array:
-    """Integral (3, 3) [m^5] of x x^T over cones from the origin with volumes (F,): that of a
-    tetrahedron is volume / 20 times the sum of p p^T over a + b + c, a, b and c."""
+    """Integral (3, 3) [m^5] of x x^T over cones from the origin with volumes (F,). Each cone adds
+    volume / 20 times the sum of p p^T over a + b + c, a, b and c."""
     a, b, c = np.moveaxis(corners, 1, 0)
     squares = sum(p[:, :, None] * p[:, None, :] for p in (a + b + c, a, b, c))
     return (volumes[:, None, None] * squares).sum(axis=0) / 20.0
 
 
 def inertia_of(moments: Array) -> Array:
-    """Matrix of inertia (3, 3) over the density, from the integral (3, 3) of x x^T."""
+    """Inertia matrix (3, 3) over the density, from the integral (3, 3) of x x^T."""
     return np.trace(moments) * np.eye(3) - moments
 
 
 def middle(points: Array) -> Array:
-    """Middle (3,) of the box around points (N, 3). Volumes of cones from there lose little to
+    """Middle (3,) of the box around points (N, 3). Volumes of cones from it lose little to
     round-off."""
     return 0.5 * (points.min(axis=0) + points.max(axis=0))
 
@@ -67,39 +68,38 @@ def sides(corners: Array) -> Array:
 
 
 def turned(triangles: NDArray, first: Indices) -> NDArray:
-    """Triangles (F, 3, ...), of corners or indices, each turned so that corner `first` (F,), modulo
-    3, comes first."""
+    """Triangles (F, 3, ...), of corners or indices, in cyclic order from corner `first` (F,),
+    modulo 3."""
     return triangles[np.arange(len(triangles))[:, None], (first[:, None] + np.arange(3)) % 3]
 
 
 def across(corners: Array, edge: float) -> Array:
     """Triangles (F, 3, 3) with slivers cut across into strips. A strip is as long as it is wide, or
-    has sides of an edge [m] where that is longer. Halving alone would turn a length of n edges into
+    has sides of `edge` [m] if that is longer. Halving alone would cut a length of n edges into
     n^1.6 pieces."""
     lengths = sides(corners)
     wide = lengths.min(axis=1)
     long = np.sqrt(np.maximum(edge**2 - wide**2, wide**2))
     count = np.ceil(lengths.max(axis=1) / long).astype(np.int64)
     is_sliver = count >= FEWEST_STRIPS
-    tip_at = lengths[is_sliver].argmin(axis=1) + 2  # across from the shortest side
-    tip, b, c = np.moveaxis(turned(corners[is_sliver], tip_at), 1, 0)
+    tip_corner = lengths[is_sliver].argmin(axis=1) + 2  # opposite the shortest side
+    tip, b, c = np.moveaxis(turned(corners[is_sliver], tip_corner), 1, 0)
     count = count[is_sliver]
-    which = np.repeat(np.arange(len(count)), count)
-    strip = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-    near, far = ((strip + n) / count[which] for n in (0, 1))
-    tip, to_b, to_c = (v[which] for v in (tip, b - tip, c - tip))
-    b0, b1 = (tip + part[:, None] * to_b for part in (near, far))
-    c0, c1 = (tip + part[:, None] * to_c for part in (near, far))
-    second = np.stack([b0, c1, c0], axis=1)[strip > 0]  # at the tip there is none
+    sliver = np.repeat(np.arange(len(count)), count)
+    strip = np.arange(len(sliver)) - np.repeat(np.cumsum(count) - count, count)
+    shares = [((strip + n) / count[sliver])[:, None] for n in (0, 1)]
+    tip, to_b, to_c = (v[sliver] for v in (tip, b - tip, c - tip))
+    b0, b1 = (tip + share * to_b for share in shares)
+    c0, c1 = (tip + share * to_c for share in shares)
+    second = np.stack([b0, c1, c0], axis=1)[strip > 0]  # the strip at the tip is one triangle
     return np.concatenate([corners[~is_sliver], np.stack([b0, b1, c1], axis=1), second])
 
 
 def split_triangles(corners: Array, is_large: Callable[[Array], Flags], most: int) -> Array:
     """Triangles (F, 3, 3) halved across their longest side until none is large.
 
-    The surface stays the same, but its corners no longer match, because neighbours are not halved
-    with a triangle (`recording.display_mesh.refined` does that). Raises ValueError where this would
-    make more than `most`.
+    The surface stays the same, but corners of neighbours no longer match, unlike those of
+    `recording.display_mesh.refined`. Raises ValueError for more than `most` triangles.
     """
     done: list[Array] = []
     while len(corners):
@@ -112,20 +112,20 @@ def split_triangles(corners: Array, is_large: Callable[[Array], Flags], most: in
 
 
 def halved(corners: Array) -> Array:
-    """Both halves (2 F, 3, 3) of triangles cut across their longest side: first all the halves with
-    the corner where that side begins, then the others."""
+    """Both halves (2 F, 3, 3) of triangles cut across their longest side: first the halves with the
+    corner where that side begins, then the others."""
     a, b, c = np.moveaxis(turned(corners, sides(corners).argmax(axis=1)), 1, 0)
     m = 0.5 * (a + b)
     return np.concatenate([np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)])
 
 
 def distinct_points(points: Array) -> tuple[Indices, Indices]:
-    """The distinct places of points (N, 3), sorted: the index (K,) of the first point at each, and
-    for each point (N,) the number of its place."""
+    """The distinct positions of points (N, 3), sorted: the index (K,) of the first point at each
+    position, and the number (N,) of each point's position."""
     order = np.lexsort(points.T)
-    placed = points[order]
+    ordered = points[order]
     is_new = np.ones(len(points), dtype=bool)
-    is_new[1:] = (placed[1:] != placed[:-1]).any(axis=1)
+    is_new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
     numbers = np.empty(len(points), dtype=np.int64)
     numbers[order] = np.cumsum(is_new) - 1
     return order[is_new], numbers
@@ -133,7 +133,7 @@ def distinct_points(points: Array) -> tuple[Indices, Indices]:
 
 @kernel
 def spread_lowest(pairs, label_out):
-    """Give everything that pairs (P, 2) connect the lowest of its labels (N,): union-find."""
+    """Give all items that pairs (P, 2) connect the lowest of their labels (N,): union-find."""
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
         while label_out[a] != a:
@@ -158,27 +158,27 @@ def rotation_matrix(quaternion: Array) -> Array:
         (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
         (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
     )
-    return np.stack([number for row in rows for number in row], axis=-1).reshape(*w.shape, 3, 3)
+    return np.stack([entry for row in rows for entry in row], axis=-1).reshape(*w.shape, 3, 3)
 
 
-def moved_matrix(matrix: Array, place: Array, rotation: Array) -> Array:
-    """A matrix (6, 6) over the motions (linear, angular) of one frame as a matrix over the motions
-    of another frame, which lies in the first at a place (3,) with a rotation (3, 3)."""
-    x, y, z = place
-    move = np.zeros((6, 6))  # motion of the first frame from that of the other: v - omega x place
-    move[:3, :3] = move[3:, 3:] = rotation
-    move[:3, 3:] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rotation
-    return move.T @ matrix @ move
+def moved_matrix(matrix: Array, position: Array, rotation: Array) -> Array:
+    """Transform a matrix (6, 6) over the motions (linear, angular) of a frame to another frame,
+    which has a position (3,) and a rotation (3, 3) in the first."""
+    x, y, z = position
+    motion = np.zeros((6, 6))  # of the first frame, from the other's: v - omega x position
+    motion[:3, :3] = motion[3:, 3:] = rotation
+    motion[:3, 3:] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rotation
+    return motion.T @ matrix @ motion
 
 
 def rotation_about(vector: Array) -> Array:
-    """Rotation (3, 3) about a vector by its length [rad]."""
+    """Rotation (3, 3) about a vector; the angle [rad] is its length."""
     half = 0.5 * np.linalg.norm(vector)
     return rotation_matrix(np.array([np.cos(half), *(0.5 * np.sinc(half / np.pi) * vector)]))
 
 
 def random_rotation(rng: np.random.Generator) -> Array:
-    """Rotation (3, 3) of a random unit quaternion: uniform over all rotations."""
+    """A random rotation (3, 3), uniform over all rotations."""
     q = rng.normal(size=4)
     return rotation_matrix(q / np.linalg.norm(q))
 

@@ -260,7 +260,7 @@ def test_a_rest_is_searched_for_once_and_anew_where_something_has_changed(monkey
     )
     scene = box_scene("1 0.5 0.2", 0.6)  # which notes about the start look at
     draught = hydrostatics(scene, with_gz=False)["box"].rest.draught_m
-    assert len(scene.rest_heights) == 1
+    assert scene.rest_heights.size == 1
     assert len(searched) == 1
     scene.data.qpos[3:7] = 0.0, 1.0, 0.0, 0.0  # upside down, where it rests too
     turned = hydrostatics(scene, with_gz=False)["box"].rest

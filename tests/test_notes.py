@@ -123,7 +123,7 @@ NOTED = {
         dict(bodies=CUBE + STATIC.format("box", "1 1 0.5", -0.5)),
         "box 'floor' at z = 0 is at the water's surface",
     ),
-    "too light": (dict(bodies=CUBE.replace("512.5", "1")), "1 kg and its hulls hold 1 m.*units"),
+    "too light": (dict(bodies=CUBE.replace("512.5", "1")), "its hulls displace 1 m.*units"),
     "too heavy": (dict(bodies=CUBE.replace("512.5", "30000")), "29.3 times as dense as the water"),
     "millimetres": (
         dict(bodies=CUBE.replace("0.5 0.5 0.5", "500 500 500"),

@@ -18,12 +18,12 @@ from independent import MODELS, ROUND_OFF
 from sim import Recorder, Scene, Sea, Tally, Wave, hydrostatics, read_series, simulate
 from sim.geometry import rotation_matrix
 from sim.methods import METHODS, Method
-from sim.recording.display_mesh import DisplayMeshes, shaded_corners, with_hue_turned
+from sim.recording.display_mesh import DisplayMeshes, shaded_corners, with_hue_shifted
 from sim.recording.frame import Artist, thinned
 from sim.recording.look import sea_in_words, side_by_side_blueprint
 from sim.recording.output import Output
 from sim.recording.recorder import SceneWriter
-from sim.recording.twins import GOLDEN_TURN
+from sim.recording.twins import HUE_STEP
 from sim.recording.waterline_curves import WATERLINE_ERROR
 from sim.runs.motions import motion
 from sim.runs.series import Series
@@ -418,10 +418,10 @@ def test_sharp_edges_are_drawn_sharp_and_smooth_ones_smooth():
 
 def test_twins_of_grey_bodies_have_colours_of_their_own():
     grey = np.array([0.5, 0.5, 0.5, 1.0])
-    assert with_hue_turned(grey, 0.0) is grey
+    assert with_hue_shifted(grey, 0.0) is grey
     red, blue = (np.array([*rgb, 0.3]) for rgb in ((1.0, 0.2, 0.2), (0.2, 0.2, 1.0)))
-    np.testing.assert_allclose(with_hue_turned(red, 2.0 / 3.0), blue, atol=ROUND_OFF)
-    twins = np.array([with_hue_turned(grey, i * GOLDEN_TURN)[:3] for i in range(5)])
+    np.testing.assert_allclose(with_hue_shifted(red, 2.0 / 3.0), blue, atol=ROUND_OFF)
+    twins = np.array([with_hue_shifted(grey, i * HUE_STEP)[:3] for i in range(5)])
     apart = np.linalg.norm(twins[:, None] - twins, axis=2)[~np.eye(5, dtype=bool)]
     assert apart.min() > 0.3
 

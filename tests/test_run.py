@@ -80,7 +80,7 @@ BROKEN = {
     ),
     "rate of frames": (
         [MODELS / "cube.xml", "--record-rate", "60"],
-        "--record-rate 60 is above the 30 samples a second that there are; raise --rate",
+        "--record-rate 60 is above --rate 30; raise --rate",
     ),
     "no water": (
         [MODELS / "cube.xml", "--water-resolution", "1"],

@@ -445,7 +445,7 @@ def test_files_lie_in_the_current_folder_where_mujoco_itself_compiles(tmp_path, 
     """It does not tell a plugin where the MJCF file is."""
     custom = '<text name="sea_components" data="waves.csv"/>'
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ValueError, match=r"there is no file .*waves\.csv; Scene\.load looks"):
+    with pytest.raises(ValueError, match=r"there is no file .*waves\.csv; Scene\.load searches"):
         model(custom=custom)
     waves = tmp_path / "waves.csv"
     for amplitude in (0.1, 0.125):  # a file that changes is read anew

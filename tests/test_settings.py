@@ -80,7 +80,7 @@ def test_a_seed_is_that_of_the_irregular_sea():
         ("water_densty=1000", "unknown; expected wave_<name>, sea_jonswap"),
         ("water_density=heavy", "'heavy' is not a row of numbers"),
         ("wave_swell=1 2", "has 2 numbers; expected 4"),
-        ("wave_swell.height=1", "has the parts amplitude, wavelength, heading, phase"),
+        ("wave_swell.height=1", "has the numbers amplitude, wavelength, heading, phase"),
         ("wave_nobody.amplitude=1", "the scene has no numeric 'wave_nobody'; it has water_density"),
         ("wave_swell.wavelength=-1", "the wavelength is -1 m; it must be above 0"),
         ("seed=3", "the scene has no irregular sea"),

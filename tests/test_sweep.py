@@ -14,7 +14,7 @@ from scenes import CUBE, WAVES, model, xml
 
 from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
 from sim import Scene, simulate
-from sim.runs.series import NAMES, Series
+from sim.runs.series import COLUMNS, Series
 from sim.runs.statistics import heights, start_times
 from sim.runs.sweep import Plan, Run, kept_rows, perform, runs_of
 from sim.runs.tables import read_columns, write_columns
@@ -135,7 +135,7 @@ def interrupted(tmp_path, *jobs: str) -> int:
     lines = kept.read_text().count("\n")
     *notes, stopped, resume = said.splitlines()
     assert stopped == "sweep.py: stopped by SIGINT"
-    assert resume == f"sweep.py: {lines - 1} of 12 runs are kept, --resume goes on"
+    assert resume == f"sweep.py: {lines - 1} of 12 runs are saved; --resume does the others"
     assert all(note.startswith("sweep.py: note: ") for note in notes)
     return lines
 
@@ -168,7 +168,7 @@ def test_a_killed_worker_is_said_and_what_was_done_is_kept(tmp_path):
     _, said = process.communicate(timeout=60)
     assert process.returncode == 4
     assert said.startswith("sweep.py: a process was killed")  # behind it joblib may tidy up
-    assert "of 12 runs are kept, --resume goes on" in said
+    assert "of 12 runs are saved; --resume does the others" in said
     assert "Traceback" not in said
     assert (tmp_path / "a.csv.rows").exists()
 
@@ -270,7 +270,7 @@ def test_series_are_the_samples(tmp_path):
     command = (MODELS / "trio.xml", "--no-record", "--duration", "2", "--rate", "20", "--quiet")
     assert status_of("run.py", *command, "--series", path) == 0
     found = read_columns(path)
-    assert list(found) == ["time", "body", *NAMES]
+    assert list(found) == ["time", "body", *COLUMNS]
     scene = Scene.load(MODELS / "trio.xml")
     series = Series(scene)
     for sample in simulate(scene, 2.0, 20.0):

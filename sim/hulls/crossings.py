@@ -1,6 +1,6 @@
 """Crossings: triangles of a surface that go through one another.
 
-Source: Moeller and Trumbore 1997, for a side that goes through a triangle.
+Source: Moeller and Trumbore 1997, for the intersection of a side with a triangle.
 """
 
 import numpy as np
@@ -12,12 +12,13 @@ from sim.kernels import inline, kernel
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-WELL_INSIDE = 1e-9
-"""Share of a side, and of a triangle, within which they touch but do not cross."""
+TOUCHING_SHARE = 1e-9
+"""Share of a side and of a triangle: an intersection closer than this to the end of the side or the
+triangle's border counts as a touch."""
 
-ALONG = 1e-18
-"""Square of the sine of the angle between a side and a triangle's plane, below which the side runs
-along the plane and all is round-off."""
+PARALLEL_SINE_SQUARED = 1e-18
+"""Square of the sine of the angle between a side and a triangle's plane below which they count as
+parallel."""
 
 
 @inline
@@ -31,7 +32,7 @@ def pierces(corners, i, a, b, j):
     hx, hy, hz = cross(dx, dy, dz, vx, vy, vz)
     det = ux * hx + uy * hy + uz * hz
     lengths = (dx * dx + dy * dy + dz * dz) * (ux * ux + uy * uy + uz * uz)
-    if det * det <= ALONG * lengths * (vx * vx + vy * vy + vz * vz):
+    if det * det <= PARALLEL_SINE_SQUARED * lengths * (vx * vx + vy * vy + vz * vz):
         return False
     sx, sy, sz = px - ox, py - oy, pz - oz
     qx, qy, qz = cross(sx, sy, sz, ux, uy, uz)
@@ -39,13 +40,13 @@ def pierces(corners, i, a, b, j):
     v = (dx * qx + dy * qy + dz * qz) / det
     t = (vx * qx + vy * qy + vz * qz) / det
     least = min(min(u, v), min(1.0 - u - v, min(t, 1.0 - t)))
-    return least > WELL_INSIDE
+    return least > TOUCHING_SHARE
 
 
 @kernel
 def mark_crossings(corners, faces, low, high, crosses_out):
-    """Mark the triangles (F, 3, 3) that cross others. low, high: corners (F, 3) of their boxes; all
-    are sorted by low[:, 0]."""
+    """Mark the triangles (F, 3, 3) that cross others. low, high: corners (F, 3) of their boxes. All
+    arrays are sorted by low[:, 0]."""
     count = faces.shape[0]
     for i in range(count):
         for j in range(i + 1, count):
@@ -69,11 +70,11 @@ def mark_crossings(corners, faces, low, high, crosses_out):
 
 
 def crossing_faces(vertices: Array, faces: Indices) -> Indices:
-    """Indices of the faces that cross others with which they share no vertex."""
-    axes = np.argsort(-np.ptp(vertices, axis=0))  # sorted along the longest
+    """Indices of the faces that cross other faces with which they share no vertex."""
+    axes = np.argsort(-np.ptp(vertices, axis=0))  # the longest axis first, for sorting
     corners = np.ascontiguousarray(vertices[faces][:, :, axes])
     low, high = corners.min(axis=1), corners.max(axis=1)
     order = np.argsort(low[:, 0], kind="stable")
-    found = np.zeros(len(faces), dtype=np.bool_)
-    mark_crossings(corners[order], faces[order], low[order], high[order], found)
-    return np.sort(order[found])
+    crosses = np.zeros(len(faces), dtype=np.bool_)
+    mark_crossings(corners[order], faces[order], low[order], high[order], crosses)
+    return np.sort(order[crosses])

@@ -1,8 +1,7 @@
 """Hull: a closed triangle surface that faces outward, checked once.
 
-Whatever computes with a hull may rely on what is refused here: there are no holes, no edges with
-more than two faces, one consistent winding, and a volume. A hull knows neither water nor MuJoCo.
-(trimesh has such checks too, but they say only whether something is wrong, not how much of it.)
+A hull has no holes, no edge with more than two faces, one winding, and a volume. (trimesh has such
+checks too, but they do not count the faults.)
 """
 
 import warnings
@@ -18,25 +17,25 @@ from sim.kernels import read_only
 
 Array = NDArray[np.float64]
 
-NO_VOLUME = 1e-14
-"""A volume below this share of area times diagonal is the round-off of a flat surface."""
+FLAT_SHARE = 1e-14
+"""Share of area times diagonal: a smaller volume is the round-off of a flat surface."""
 
-FARTHEST = 1e6
-"""Metres. Moments of patches are up to sixth powers of lengths, kept in single precision, which
-ends at 3e38."""
+LARGEST_COORDINATE = 1e6
+"""Largest coordinate [m] of a vertex. Moments of patches are up to sixth powers of lengths, kept in
+single precision, which ends at 3e38."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hull:
     """A closed, outward surface of triangles; immutable.
 
-    vertices: (V, 3) [m], in the hull's own frame; faces: (F, 3) indices, counterclockwise seen from
-    outside. Vertices at exactly the same place are merged; faces that collapse by that, and
+    vertices: (V, 3) [m], in the hull's frame. faces: (F, 3) indices, counterclockwise seen from
+    outside. Vertices at exactly the same position are merged. Faces that collapse by that, and
     vertices that no face uses, are dropped. A surface that faces inward is turned outward with a
-    warning. Raises a ValueError that counts what is wrong and names the remedy.
+    warning. Raises a ValueError that counts the faults and names the remedy.
 
-    volume [m^3] and centroid (3,) [m] are of the enclosed solid; bounds: (2, 3) [m], lowest and
-    highest corner; area_vectors: (F, 3) [m^2], outward, as long as the face is large.
+    volume [m^3], centroid (3,) [m]: of the enclosed solid. bounds: (2, 3) [m], lowest and highest
+    corner. area_vectors: (F, 3) [m^2], outward normals whose length is the face's area.
     """
 
     vertices: Array
@@ -68,16 +67,16 @@ class Hull:
             object.__setattr__(self, name, _closed(value))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """For pickles and deep copies, whose arrays would otherwise be open to changes."""
+        """Make the arrays of pickles and deep copies read-only too."""
         self.__dict__.update({name: _closed(value) for name, value in state.items()})
 
     @classmethod
     def from_trimesh(cls, mesh: Any) -> "Hull":
-        """The hull of a `trimesh.Trimesh` (or of anything with its vertices and faces)."""
+        """The hull of a `trimesh.Trimesh`, or of any object with vertices and faces."""
         return cls(mesh.vertices, mesh.faces)
 
     def moved(self, rotation: Array, position: Array) -> "Hull":
-        """The same hull, turned by a rotation (3, 3), then moved by a position (3,) [m]."""
+        """The same hull, rotated by a rotation (3, 3), then moved by a position (3,) [m]."""
         hull = object.__new__(type(self))
         hull._set(self.vertices @ rotation.T + position, self.faces)
         return hull
@@ -97,7 +96,7 @@ def _closed(value: Any) -> Any:
 
 
 def _checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
-    vertices = np.array(vertices, dtype=float)  # copies: the caller's arrays stay the caller's
+    vertices = np.array(vertices, dtype=float)  # a copy, because it becomes read-only
     faces = np.asarray(faces)
     if vertices.size == 0 or faces.size == 0:
         raise ValueError(
@@ -117,10 +116,10 @@ def _checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArr
             f"{broken} of {len(vertices)} vertices are not finite; repair or drop them"
         )
     farthest = float(np.abs(vertices).max())
-    if farthest > FARTHEST:
+    if farthest > LARGEST_COORDINATE:
         raise ValueError(
-            f"the hull reaches {farthest:.3g} m from the origin, where volumes are no longer "
-            "numbers; check the units"
+            f"the hull reaches {farthest:.3g} m from the origin; expected at most "
+            f"{LARGEST_COORDINATE:g} m: check the units"
         )
     outside = int(np.count_nonzero((faces < 0) | (faces >= len(vertices))))
     if outside:
@@ -131,40 +130,40 @@ def _checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArr
 
 
 def _merged(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-    """Merge vertices at the same place, drop faces that collapse and vertices without a face. What
-    stays keeps its order."""
-    first, place = distinct_points(vertices)
-    faces = first[place][faces]
+    """Merge vertices at the same position, and drop collapsed faces and unused vertices. The rest
+    keeps its order."""
+    first, number = distinct_points(vertices)
+    faces = first[number][faces]
     faces = faces[~collapsed(faces)]
     if len(faces) == 0:
         raise ValueError(
-            "no face is left after merging vertices at the same place; check the units"
+            "no face is left after merging vertices at the same position; check the units"
         )
     return compacted(vertices, faces)
 
 
 def _check_edges(faces: NDArray[np.int64]) -> None:
-    """Every edge must have two faces that run along it in opposite directions."""
+    """Check that every edge has two faces that run along it in opposite directions."""
     edges = edges_of(faces)
     count = len(edges.count)
     open_edges = int(np.count_nonzero(edges.count == 1))
     if open_edges:
         raise ValueError(
             f"the surface is not closed: {open_edges} of {count} edges have only one face; "
-            "look at it with `python scripts/check_hull.py FILE`, which mends it with --repair"
+            "inspect it with `python scripts/check_hull.py FILE`, which repairs it with --repair"
         )
     crowded = int(np.count_nonzero(edges.count > 2))
     if crowded:
         raise ValueError(
             f"{crowded} of {count} edges have more than two faces; remove duplicated and inner "
-            "faces, or make parts that only touch separate hulls"
+            "faces, or make separate hulls of parts that only touch"
         )
     forward = np.bincount(edges.of_side, weights=edges.is_forward)
     twisted = int(np.count_nonzero(forward != 1))
     if twisted:
         raise ValueError(
             f"the winding is inconsistent: {twisted} of {count} edges are run along twice in "
-            "the same direction; orient the faces alike (for example trimesh.repair.fix_winding)"
+            "the same direction; wind all faces alike (for example trimesh.repair.fix_winding)"
         )
 
 
@@ -173,7 +172,7 @@ def _turned_outward(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int
     volume = np.bincount(shell, cone_volumes((vertices - middle(vertices))[faces]))
     area = np.bincount(shell, areas(vertices[faces]))
     diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
-    flat = int(np.count_nonzero(np.abs(volume) <= NO_VOLUME * diagonal * area))
+    flat = int(np.count_nonzero(np.abs(volume) <= FLAT_SHARE * diagonal * area))
     if flat:
         raise ValueError(
             f"{flat} of {len(shells)} closed parts of the surface enclose no volume; "

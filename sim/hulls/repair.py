@@ -1,9 +1,9 @@
-"""Repair: a closed, outward surface made from what a file has, with all its parts.
+"""Repair: makes a closed, outward surface from a surface in a file.
 
-The steps, in this order: vertices that are almost one are merged; faces without area and doubled
-faces are dropped; open edges are divided where vertices of other open edges lie on them; half a
-hull is mirrored, if asked for; sheets that meet at crowded edges are parted; each part is wound one
-way, and each of its rims capped; parts are turned outward, and those that overlap are united.
+The steps, in this order: almost equal vertices are merged; faces without area and doubled faces are
+dropped; open edges are divided at vertices of other open edges; half a hull is mirrored, if asked
+for; sheets that meet at crowded edges are separated; each part gets one winding, and its rims are
+capped; parts are turned outward, and overlapping parts are united.
 """
 
 from collections.abc import Sequence
@@ -14,26 +14,26 @@ from numpy.typing import NDArray
 
 from sim.geometry import area_vectors, areas
 from sim.hulls.hull import Hull
-from sim.hulls.tidying import MERGED_WITHIN, size_of, tidied
+from sim.hulls.tidying import MERGING_SHARE, size_of, tidied
 from sim.hulls.topology import compacted, edges_of, joined, parts_of, rims_of, wound_alike
 from sim.hulls.union import outer_surface, signed_volume, united
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-MOST_CHANGE = 0.03
-"""Share of the volume that a repair may change, apart from what was counted twice."""
+LARGEST_CHANGE_SHARE = 0.03
+"""Share of the volume that a repair may change, apart from volume that was counted twice."""
 
-SHRUNK = 1e-6
-"""Share of their size by which parts shrink where they touch others at edges."""
+SHRINK_SHARE = 1e-6
+"""Share of their size by which parts shrink if they touch other parts at edges."""
 
-THIN = 1e-7
-"""Volume over area times size below which a part is a sheet that holds nothing."""
+SHEET_SHARE = 1e-7
+"""Share of area times size: a part with a smaller volume is a sheet."""
 
 
 @dataclass(frozen=True)
 class Repaired:
-    """The hull, None where there is none; what was done; and the faults that are left. In words."""
+    """The hull, or None; the steps that were done; and the faults that are left, as texts."""
 
     hull: Hull | None
     done: tuple[str, ...]
@@ -41,10 +41,10 @@ class Repaired:
 
 
 def repair(vertices: Array, faces: Indices, mirror: str = "") -> Repaired:
-    """Close a surface and keep all its parts; mirror: the axis along which half a hull is made
-    whole, as its Survey names it."""
+    """Close a surface and keep all its parts. mirror: the axis along which half a hull is mirrored;
+    `Survey.half_hull` gives it."""
     size = size_of(vertices)
-    within = MERGED_WITHIN * size
+    within = MERGING_SHARE * size
     tidy = tidied(vertices, faces, within)
     vertices, faces, divided = tidy.vertices, *_divided(tidy.vertices, tidy.faces, within)
     if mirror:
@@ -67,63 +67,58 @@ def repair(vertices: Array, faces: Indices, mirror: str = "") -> Repaired:
 
 
 def _divided(vertices: Array, faces: Indices, within: float) -> tuple[Indices, int]:
-    """The faces, divided where a vertex of another open edge lies within a distance [m] of an open
-    edge of theirs, and how many were."""
+    """Divide faces whose open edge has a vertex of another open edge within a distance [m]. Returns
+    the faces and the number of divisions."""
     divided = 0
     for _ in range(20):
         edges = edges_of(faces)
         candidates = np.unique(edges.sides[edges.open_sides])
-        found: dict[int, tuple[int, int]] = {}
+        divisions: dict[int, tuple[int, int]] = {}  # side and vertex of each face
         for s in edges.open_sides.tolist():
             side, face = divmod(s, len(faces))
-            on = _first_on(vertices, candidates, *edges.sides[s], within)
-            if face not in found and on is not None:
-                found[face] = side, on
-        if not found:
+            vertex = _first_on(vertices, candidates, *edges.sides[s], within)
+            if face not in divisions and vertex is not None:
+                divisions[face] = side, vertex
+        if not divisions:
             break
-        divided += len(found)
-        faces = _split_faces(faces, found)
+        divided += len(divisions)
+        pieces = []
+        for face, (side, vertex) in divisions.items():
+            a, b, c = np.roll(faces[face], -side)
+            pieces += [(a, vertex, c), (vertex, b, c)]
+        faces = np.concatenate([np.delete(faces, list(divisions), axis=0), np.array(pieces)])
     return faces, divided
 
 
 def _first_on(vertices: Array, candidates: Indices, a: int, b: int, within: float) -> int | None:
-    """Of the candidates on the side from a to b the one next to a; None where there is none."""
-    along = vertices[b] - vertices[a]
-    length = float(np.linalg.norm(along))
+    """The candidate on the side from a to b that is closest to a; None if there is none."""
+    side = vertices[b] - vertices[a]
+    length = float(np.linalg.norm(side))
     arms = vertices[candidates] - vertices[a]
-    at = arms @ along / length
-    off = np.linalg.norm(arms - np.outer(at / length, along), axis=1)
-    on = (at > within) & (at < length - within) & (off < within)
-    return int(candidates[on][np.argmin(at[on])]) if on.any() else None
-
-
-def _split_faces(faces: Indices, at: dict[int, tuple[int, int]]) -> Indices:
-    """The faces, with those divided that `at` gives a side and a vertex on it."""
-    kept = np.delete(faces, list(at), axis=0)
-    pieces = []
-    for face, (side, vertex) in at.items():
-        a, b, c = np.roll(faces[face], -side)
-        pieces += [(a, vertex, c), (vertex, b, c)]
-    return np.concatenate([kept, np.array(pieces)])
+    along = arms @ side / length
+    off = np.linalg.norm(arms - np.outer(along / length, side), axis=1)
+    on = (along > within) & (along < length - within) & (off < within)
+    return int(candidates[on][np.argmin(along[on])]) if on.any() else None
 
 
 def _mirrored(vertices: Array, faces: Indices, axis: str, size: float) -> tuple[Array, Indices]:
-    """A half hull and its mirror image. Across the axis, its flattest rim is the plane between."""
+    """A half hull and its mirror image. The mirror is the plane of the rim that is flattest along
+    the axis."""
     i = "xyz".index(axis)
     loops = [vertices[loop] for loop in rims_of(wound_alike(faces))]
     plane = float(min((loop[:, i] for loop in loops), key=np.ptp).mean())
     image = vertices.copy()
     image[:, i] = 2.0 * plane - image[:, i]
     both = np.concatenate([vertices, image])
-    near = np.abs(both[:, i] - plane) < 10.0 * MERGED_WITHIN * size
+    near = np.abs(both[:, i] - plane) < 10.0 * MERGING_SHARE * size
     both[near, i] = plane
     return both, np.concatenate([faces, faces[:, ::-1] + len(vertices)])
 
 
 def _parted(vertices: Array, faces: Indices, size: float) -> tuple[list[Indices], int, int]:
-    """The faces of each part, where sheets that meet at crowded edges are parts too; how many such
-    edges there are, and how many inner walls are left out: sheets that end at such edges all around
-    and hold nothing when they are capped."""
+    """The faces of each part, the number of crowded edges, and the number of inner walls, which are
+    dropped. Sheets that meet at crowded edges are separate parts. An inner wall is a part whose
+    whole rim is crowded edges and which encloses no volume when it is capped."""
     edges, parts = edges_of(faces), parts_of(faces)
     crowded = set(map(tuple, edges.vertices[edges.count > 2].tolist()))
     outer = [part for part in parts if not _is_wall(vertices, part, size, crowded)]
@@ -140,7 +135,7 @@ def _is_wall(vertices: Array, part: Indices, size: float, crowded: set[tuple[int
 
 def _is_sheet(vertices: Array, part: Indices, size: float) -> bool:
     area = areas(vertices[part]).sum()
-    return abs(signed_volume(vertices, part)) <= THIN * area * size
+    return abs(signed_volume(vertices, part)) <= SHEET_SHARE * area * size
 
 
 def _capped(vertices: Array, faces: Indices) -> tuple[Indices, int]:
@@ -151,30 +146,30 @@ def _capped(vertices: Array, faces: Indices) -> tuple[Indices, int]:
 
 
 def _cap(vertices: Array, loop: Indices) -> Indices:
-    """Faces (N, 3) over a loop, triangulated where it is laid flat; a fan where it cannot be."""
+    """Faces (N, 3) over a loop, triangulated in its mean plane; a fan if that fails."""
     import manifold3d
 
     if len(loop) < 3:
         return np.zeros((0, 3), np.int64)
-    places = vertices[loop] - vertices[loop].mean(axis=0)
+    arms = vertices[loop] - vertices[loop].mean(axis=0)
     fan = np.stack(
         [np.zeros(len(loop) - 2, int), *np.arange(1, len(loop) - 1) + [[0], [1]]], axis=1
     )
-    normal = area_vectors(places[fan]).sum(axis=0)
+    normal = area_vectors(arms[fan]).sum(axis=0)
     length = np.linalg.norm(normal)
     if length > 0.0:
         axis = np.eye(3)[np.argmin(np.abs(normal))]
         right = np.cross(axis, normal / length)
         right /= np.linalg.norm(right)
-        flat = np.stack([places @ right, places @ np.cross(normal / length, right)], axis=1)
-        laid = np.asarray(manifold3d.triangulate([np.ascontiguousarray(flat)]), dtype=np.int64)
-        if len(laid) == len(loop) - 2:
-            return loop[laid]
+        flat = np.stack([arms @ right, arms @ np.cross(normal / length, right)], axis=1)
+        cap = np.asarray(manifold3d.triangulate([np.ascontiguousarray(flat)]), dtype=np.int64)
+        if len(cap) == len(loop) - 2:
+            return loop[cap]
     return loop[fan]
 
 
 def _assembled(vertices: Array, parts: list[Indices], done: list[str]) -> Repaired:
-    """The parts turned outward and united as one hull."""
+    """Turn the parts outward and unite them as one hull."""
     size, kept, sheets, turned = size_of(vertices), [], [], 0
     for part in parts:
         if _is_sheet(vertices, part, size):
@@ -189,7 +184,7 @@ def _assembled(vertices: Array, parts: list[Indices], done: list[str]) -> Repair
     if sheets:
         faults.append(
             f"{len(sheets)} of {len(parts)} parts are sheets that enclose nothing, around "
-            f"{_listed(sheets)}: give them thickness or take them away"
+            f"{_listed(sheets)}: give them thickness or remove them"
         )
     if not kept:
         return Repaired(None, tuple(done), (*faults, "nothing encloses a volume"))
@@ -197,42 +192,37 @@ def _assembled(vertices: Array, parts: list[Indices], done: list[str]) -> Repair
     try:
         hull, twice = _one_hull(vertices, kept)
     except ValueError as error:
-        where = _places_of_trouble(vertices, kept)
+        edges = edges_of(np.concatenate(kept))
+        points = vertices[edges.vertices[edges.count != 2]].mean(axis=1)
+        where = f" around {_listed(points)}" if len(points) else ""
         return Repaired(None, tuple(done), (*faults, f"it cannot be closed{where}: {error}"))
     if twice > 0.0:
         done.append(f"overlaps united: {twice:.4g} m^3 were counted twice")
     change = abs(hull.volume / (expected - twice) - 1.0)
-    if change > MOST_CHANGE:
+    if change > LARGEST_CHANGE_SHARE:
         faults.append(f"the volume changed by {100.0 * change:.2g} %")
     return Repaired(hull, tuple(done), tuple(faults))
 
 
-def _places_of_trouble(vertices: Array, parts: list[Indices]) -> str:
-    """In words, where edges do not have two faces; "" where all do."""
-    edges = edges_of(np.concatenate(parts))
-    places = vertices[edges.vertices[edges.count != 2]].mean(axis=1)
-    return f" around {_listed(places)}" if len(places) else ""
-
-
-def _listed(places: Sequence[Array]) -> str:
-    """The first of some places (3,) [m], in words."""
-    return " and ".join("({:.4g}, {:.4g}, {:.4g})".format(*place) for place in places[:3])
+def _listed(points: Sequence[Array]) -> str:
+    """The first three points (3,) [m], as text."""
+    return " and ".join("({:.4g}, {:.4g}, {:.4g})".format(*point) for point in points[:3])
 
 
 def _one_hull(vertices: Array, parts: list[Indices]) -> tuple[Hull, float]:
-    """Closed parts as one hull, and the volume [m^3] that they counted twice. Parts that touch, so
-    that their edges would be crowded, are united like those that overlap. Where the result still
-    touches itself at an edge, all parts but the first shrink by SHRUNK."""
+    """Closed parts as one hull, and the volume [m^3] that they counted twice. Parts that touch are
+    united like overlapping parts, because their edges would be crowded. If the result still touches
+    itself at an edge, all parts but the first shrink by SHRINK_SHARE."""
     surfaces = [compacted(vertices, part) for part in parts]
     try:
         hull, twice, _ = outer_surface(*joined(surfaces))
         return hull, twice
     except ValueError:
-        hulls = [Hull(*surface) for surface in surfaces]  # which says what is wrong with one
+        hulls = [Hull(*surface) for surface in surfaces]  # raises the fault of a single part
     try:
         return united(hulls, at_least=-1.0) or (hulls[0], 0.0)
     except ValueError:
-        for places, _ in surfaces[1:]:
-            places -= SHRUNK * (places - places.mean(axis=0))
+        for points, _ in surfaces[1:]:
+            points -= SHRINK_SHARE * (points - points.mean(axis=0))
         hull, twice, _ = outer_surface(*joined(surfaces))
         return hull, twice

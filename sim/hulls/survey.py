@@ -1,4 +1,4 @@
-"""Survey: what a surface from a file is, and what would keep it from floating."""
+"""Survey: measures a surface from a file, and finds the faults that keep it from floating."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,24 +12,24 @@ from numpy.typing import NDArray
 from sim.geometry import areas, cone_volumes, middle, sides
 from sim.hulls.crossings import crossing_faces
 from sim.hulls.hull import Hull
-from sim.hulls.tidying import MERGED_WITHIN, size_of, tidied
+from sim.hulls.tidying import MERGING_SHARE, size_of, tidied
 from sim.hulls.topology import edges_of, face_pairs, parts_of, rims_of, wound_alike
-from sim.hulls.union import COUNTED_TWICE, decked, outer_surface, shared_volume, signed_volume
+from sim.hulls.union import TOUCHING_SHARE, decked, outer_surface, shared_volume, signed_volume
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-SLIVER = 1e-3
-"""Height over longest side below which a face is a sliver."""
+SLIVER_SHARE = 1e-3
+"""Share of the longest side: a face with a smaller height is a sliver."""
 
-MILLIMETRES, TINY = 500.0, 0.005
-"""Sizes [m] above which a surface is likely in millimetres, and below which in kilometres."""
+LIKELY_MILLIMETRES, LIKELY_KILOMETRES = 500.0, 0.005
+"""Extents [m]: a larger surface is likely in millimetres, and a smaller one in kilometres."""
 
 
 @dataclass(frozen=True)
 class Rim:
-    """A loop of open edges: how many, their middle (3,) [m] and extents (3,) [m]. symmetry: the
-    axis along which this is the open side of half a hull; "" where it is not."""
+    """A loop of open edges: their number, middle (3,) [m] and extents (3,) [m]. symmetry: the axis
+    along which it is the open side of half a hull; "" if it is not."""
 
     edges: int
     middle: tuple[float, float, float]
@@ -39,12 +39,12 @@ class Rim:
 
 @dataclass(frozen=True)
 class Survey:
-    """A surface in numbers, with lengths in metres if the file's are.
+    """A surface in numbers. The units assume that the file's lengths are metres.
 
-    volume [m^3]: as the faces are wound, without caps over the holes; crowded_at: places (K, 3) of
-    edges with more than two faces; crossing_faces: how many faces go through others; holds [m^3]:
-    the water that an open boat holds; refusal: why Waterline refuses the surface, "" where it takes
-    it.
+    volume [m^3]: as the faces are wound, without caps over the holes. crowded_at: positions (K, 3)
+    of edges with more than two faces. crossing_faces: the number of faces that go through others.
+    holds [m^3]: the volume of water that an open boat holds. refusal: why `Hull` refuses the
+    surface; "" if it does not.
     """
 
     faces: int
@@ -71,13 +71,13 @@ class Survey:
 
     @property
     def half_hull(self) -> str:
-        """The axis along which half a hull must be mirrored; "" where it is no half hull."""
+        """The axis along which half a hull must be mirrored; "" if it is no half hull."""
         return next((rim.symmetry for rim in self.rims if rim.symmetry), "")
 
 
 def read_surface(path: Path, scale: float = 1.0) -> tuple[Array, Indices]:
-    """Vertices (V, 3), scaled, and faces (F, 3) of a file of any kind that trimesh reads. Raises
-    ValueError for a file without a surface, and OSError for a file that is not there."""
+    """Vertices (V, 3), scaled, and faces (F, 3) of a file in any format that trimesh reads. Raises
+    ValueError for a file without a surface, and FileNotFoundError."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     try:
@@ -87,7 +87,7 @@ def read_surface(path: Path, scale: float = 1.0) -> tuple[Array, Indices]:
         raise ValueError(
             f"{path}: trimesh cannot read it: it is no {path.suffix or 'file of a known kind'}"
         ) from None
-    except Exception as error:  # each of trimesh's readers raises others
+    except Exception as error:  # trimesh's readers raise errors of many kinds
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{path}: trimesh cannot read it: {reason}") from None
     if len(faces) == 0:
@@ -102,9 +102,8 @@ def read_surface(path: Path, scale: float = 1.0) -> tuple[Array, Indices]:
 
 
 def survey(vertices: Array, faces: Indices) -> Survey:
-    """What a surface is, as it stands, except that vertices within MERGED_WITHIN of its size count
-    as one."""
-    tidy = tidied(vertices, faces, MERGED_WITHIN * size_of(vertices))
+    """The Survey of a surface. Vertices within MERGING_SHARE of its size count as one."""
+    tidy = tidied(vertices, faces, MERGING_SHARE * size_of(vertices))
     corners = vertices[faces]
     longest = sides(corners).max(axis=1)
     heights = 2.0 * areas(corners) / np.maximum(longest, np.finfo(float).tiny)
@@ -112,7 +111,7 @@ def survey(vertices: Array, faces: Indices) -> Survey:
     crowded = edges.vertices[edges.count > 2]
     _, alike = face_pairs(edges)
     parts = parts_of(tidy.faces)
-    inward, nested, overlapping = _parts_in_parts(tidy.vertices, parts)
+    inward, nested, overlapping = _closed_parts(tidy.vertices, parts)
     refusal, holds = _refusal(vertices, faces)
     return Survey(
         faces=len(faces),
@@ -127,7 +126,7 @@ def survey(vertices: Array, faces: Indices) -> Survey:
         crowded_edges=len(crowded),
         crowded_at=tuple(map(tuple, tidy.vertices[crowded[:5]].mean(axis=1).tolist())),
         twisted_edges=int(alike.sum()),
-        slivers=int(np.count_nonzero((heights < SLIVER * longest) & (heights > 0.0))),
+        slivers=int(np.count_nonzero((heights < SLIVER_SHARE * longest) & (heights > 0.0))),
         flat_faces=tidy.flat,
         doubled_faces=tidy.doubled,
         inward_parts=inward,
@@ -140,31 +139,32 @@ def survey(vertices: Array, faces: Indices) -> Survey:
 
 
 def unit_guess(vertices: Array) -> str:
-    """What the lengths may be in, by the largest extent."""
+    """The likely unit of the lengths, from the largest extent."""
     largest = float(np.ptp(vertices, axis=0).max())
-    if largest >= MILLIMETRES:
+    if largest >= LIKELY_MILLIMETRES:
         return f"millimetres? {largest:.4g} m is long; --scale 0.001 makes it {largest / 1e3:.4g} m"
-    if largest < TINY:
+    if largest < LIKELY_KILOMETRES:
         return f"kilometres? {largest:.3g} m is short; --scale 1000 makes it {1e3 * largest:.4g} m"
     return "metres"
 
 
 def _refusal(vertices: Array, faces: Indices) -> tuple[str, float]:
-    """Why Waterline refuses a surface, "" where it does not, and what an open boat holds [m^3]."""
+    """Why `Hull` refuses a surface ("" if it does not), and the volume [m^3] that an open boat
+    holds."""
     try:
-        found = decked(outer_surface(vertices, faces)[0])
+        closed = decked(outer_surface(vertices, faces)[0])
     except ValueError as error:
         return str(error), 0.0
-    return "", found[1] if found else 0.0
+    return "", closed[1] if closed else 0.0
 
 
 def _rims(vertices: Array, faces: Indices) -> Iterator[Rim]:
     low, high, size = vertices.min(axis=0), vertices.max(axis=0), size_of(vertices)
     for loop in rims_of(wound_alike(faces)):
-        places = vertices[loop]
-        centre, extents, symmetry = places.mean(axis=0), np.ptp(places, axis=0), ""
+        points = vertices[loop]
+        centre, extents, symmetry = points.mean(axis=0), np.ptp(points, axis=0), ""
         for axis, name in enumerate("xy"):
-            is_flat = extents[axis] <= 10.0 * MERGED_WITHIN * size
+            is_flat = extents[axis] <= 10.0 * MERGING_SHARE * size
             to_end = min(centre[axis] - low[axis], high[axis] - centre[axis])
             others = np.delete(extents, axis) / np.maximum(np.delete(high - low, axis), 1e-300)
             if is_flat and to_end <= 1e-4 * size and (others > 0.9).all():
@@ -172,9 +172,9 @@ def _rims(vertices: Array, faces: Indices) -> Iterator[Rim]:
         yield Rim(len(loop), tuple(centre.tolist()), tuple(extents.tolist()), symmetry)
 
 
-def _parts_in_parts(vertices: Array, parts: Sequence[Indices]) -> tuple[int, int, int]:
-    """Of the parts that are closed: how many face inward, how many lie within others, and how many
-    overlap with others."""
+def _closed_parts(vertices: Array, parts: Sequence[Indices]) -> tuple[int, int, int]:
+    """The numbers of closed parts that face inward, that lie within others, and that overlap with
+    others."""
     hulls, inward = [], 0
     for part in map(wound_alike, parts):
         if (edges_of(part).count != 2).any():
@@ -195,6 +195,6 @@ def _parts_in_parts(vertices: Array, parts: Sequence[Indices]) -> tuple[int, int
             continue
         if share > 0.999:
             nested.add(small)
-        elif share > COUNTED_TWICE:
+        elif share > TOUCHING_SHARE:
             overlapping |= {small, large}
     return inward, len(nested), len(overlapping)

@@ -1,4 +1,5 @@
-"""Topology: edges, rims and parts of a triangle surface, given by its faces, (F, 3) indices."""
+"""Topology: edges, rims and connected parts of a triangle surface, given by its faces, (F, 3)
+indices."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -17,8 +18,8 @@ Flags = NDArray[np.bool_]
 class Edges(NamedTuple):
     """Edges of a surface. Side s of a surface of F faces is side s // F of face s % F.
 
-    sides: (3 F, 2), from vertex to vertex as the faces run: all sides 01, then 12, then 20;
-    vertices: (E, 2) of each edge, the lower one first; count: (E,), how many faces it has;
+    sides: (3 F, 2), the vertices of each side in the face's direction: all sides 01, then 12, then
+    20. vertices: (E, 2) of each edge, the lower one first. count: (E,), the number of its faces.
     of_side: (3 F,), the edge of each side.
     """
 
@@ -34,7 +35,7 @@ class Edges(NamedTuple):
 
     @property
     def open_sides(self) -> Indices:
-        """The sides with no other face at their edge."""
+        """The sides whose edge has no other face."""
         return np.flatnonzero(self.count[self.of_side] == 1)
 
 
@@ -54,7 +55,7 @@ def edges_of(faces: Indices) -> Edges:
 
 
 def face_pairs(edges: Edges) -> tuple[Indices, Flags]:
-    """The two faces (P, 2) at each edge that has just two, and whether (P,) both run along it in
+    """The two faces (P, 2) at each edge that has exactly two, and whether (P,) both run along it in
     the same direction, so that their windings differ."""
     sides = np.flatnonzero(edges.count[edges.of_side] == 2)
     pairs = sides[np.argsort(edges.of_side[sides], kind="stable")].reshape(-1, 2)
@@ -63,8 +64,8 @@ def face_pairs(edges: Edges) -> tuple[Indices, Flags]:
 
 
 def parts_of(faces: Indices) -> list[Indices]:
-    """The parts of a surface, as faces (N, 3) each. Two faces hang together where they are the only
-    ones at an edge."""
+    """The connected parts of a surface, as faces (N, 3) each. Two faces are connected if they are
+    the only ones at an edge."""
     pairs, _ = face_pairs(edges_of(faces))
     label = np.arange(len(faces))
     spread_lowest(pairs, label)
@@ -72,7 +73,7 @@ def parts_of(faces: Indices) -> list[Indices]:
 
 
 def shells_of(faces: Indices) -> Indices:
-    """The lowest vertex of each face's shell (F,): of all faces that hang together at vertices."""
+    """The lowest vertex (F,) of each face's shell, which is all faces connected by vertices."""
     label = np.arange(int(faces.max()) + 1)
     spread_lowest(directed(faces), label)
     return label[faces[:, 0]]
@@ -80,8 +81,8 @@ def shells_of(faces: Indices) -> Indices:
 
 @kernel
 def turn_alike(starts, neighbours, alike, turned_out):
-    """Which faces (F,) must be turned so that all of a part run as its first one does. The
-    neighbours of face f, and whether they run alike, begin at starts[f]. -1: not yet known."""
+    """Mark the faces (F,) to be reversed so that all faces of a part are wound like its first. The
+    neighbours of face f, and their entries of `alike`, begin at starts[f]. -1: not yet known."""
     stack = np.empty(turned_out.size, np.int64)
     for first in range(turned_out.size):
         if turned_out[first] >= 0:
@@ -99,7 +100,7 @@ def turn_alike(starts, neighbours, alike, turned_out):
 
 
 def wound_alike(faces: Indices) -> Indices:
-    """The faces, turned where they do not run as the first face of their part does."""
+    """The faces, reversed where they are not wound like the first face of their part."""
     pairs, alike = face_pairs(edges_of(faces))
     both = np.concatenate([pairs, pairs[:, ::-1]])
     order = np.argsort(both[:, 0], kind="stable")
@@ -110,7 +111,8 @@ def wound_alike(faces: Indices) -> Indices:
 
 
 def rims_of(faces: Indices) -> list[Indices]:
-    """The loops of vertices around the holes of a surface, each as the missing faces would run."""
+    """The loops of vertices around the holes of a surface, in the direction of the missing
+    faces."""
     edges = edges_of(faces)
     onward: dict[int, list[int]] = {}
     for b, a in edges.sides[edges.open_sides].tolist():
@@ -129,7 +131,7 @@ def rims_of(faces: Indices) -> list[Indices]:
 
 
 def collapsed(faces: Indices) -> Flags:
-    """Which faces (F,) have one vertex twice."""
+    """Whether each face (F,) has a vertex twice."""
     a, b, c = faces.T
     return (a == b) | (b == c) | (c == a)
 
@@ -141,7 +143,7 @@ def compacted(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
 
 
 def joined(surfaces: Sequence[tuple[Array, Indices]]) -> tuple[Array, Indices]:
-    """Vertices and faces of several surfaces in one, which share no vertex."""
+    """Vertices and faces of several surfaces in one; the surfaces share no vertex."""
     first = np.cumsum([0] + [len(vertices) for vertices, _ in surfaces])
     faces = [faces + n for (_, faces), n in zip(surfaces, first, strict=False)]
     return np.concatenate([vertices for vertices, _ in surfaces]), np.concatenate(faces)

@@ -1,13 +1,13 @@
 """Triangle: hydrostatic force and torque of a triangle in closed form, and the straight clip.
 
-The head e [m] is the depth below the surface, linear over the triangle; the pressure
-density * gravity * e pushes against the outward area vector S = (b - a) x (c - a) / 2. Exactly,
+The head e [m] is the depth below the surface and linear over the triangle. The pressure
+density * gravity * e acts against the outward area vector S = (b - a) x (c - a) / 2. Exactly,
 
     F = - density gravity  (e_a + e_b + e_c)/3  S
     T = - density gravity  [ (a + b + c)(e_a + e_b + e_c) + a e_a + b e_b + c e_c ]/12  x  S
 
-with the torque about the origin of a, b, c. Kernels return F and T over - density gravity, so that
-the caller scales a sum once.
+with the torque about the origin of a, b, c. Kernels return F and T over - density gravity, and the
+caller scales their sum.
 """
 
 import numpy as np
@@ -55,12 +55,12 @@ def wet_triangles_wrench(
     gravity: float,
     about: ArrayLike = (0.0, 0.0, 0.0),
 ) -> NDArray[np.float64]:
-    """Wrench (6,) [N, N m] of triangles that are wholly wet, for those who clip by themselves.
+    """Wrench (6,) [N, N m] of wholly wet triangles, for callers with their own clipping.
 
-    corners: (N, 3, 3) [m], counterclockwise seen from outside; heads: (N, 3) [m], depth below the
-    surface at each corner, linear in between (a negative head pulls); density [kg/m^3]; gravity
-    [m/s^2]; about: (3,) [m], the point that the torque is about. The axes are those of the corners.
-    Exact up to round-off. Raises ValueError when the shapes do not fit.
+    corners: (N, 3, 3) [m], counterclockwise seen from outside. heads: (N, 3) [m], depth below the
+    surface at each corner, linear in between; a negative head pulls. density [kg/m^3]. gravity
+    [m/s^2]. about: (3,) [m], the point that the torque is about. The axes are those of the corners.
+    Exact to round-off. Raises ValueError if the shapes do not fit.
     """
     about = np.asarray(about, dtype=float)
     corners = np.asarray(corners, dtype=float)
@@ -76,9 +76,9 @@ def wet_triangles_wrench(
 
 
 def gauss_rule(order: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gauss rule on a triangle, exact for polynomials up to degree 2 n - 2: barycentric points
-    (n^2, 3) and weights (n^2,) that sum to 1. A square's rule with one side collapsed (Duffy
-    1982)."""
+    """Gauss rule of order n on a triangle, exact for polynomials up to degree 2 n - 2: barycentric
+    points (n^2, 3) and weights (n^2,) that sum to 1. It is the rule of a square with one side
+    collapsed (Duffy 1982)."""
     nodes, weights = leggauss(order)
     u, w = 0.5 * (nodes + 1.0), 0.5 * weights
     x, y = np.meshgrid(u, u, indexing="ij")
@@ -88,7 +88,7 @@ def gauss_rule(order: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 @kernel
 def clipped(corners, heads):
-    """Wet parts of triangles (N, 3, 3) whose heads (N, 3) are linear, as triangles (M, 3, 3) with
+    """The wet pieces of triangles (N, 3, 3) with linear heads (N, 3), as triangles (M, 3, 3) with
     heads (M, 3)."""
     most = 2 * corners.shape[0]  # a triangle with two wet corners leaves a quadrangle
     wet_corners, wet_heads = np.empty((most, 3, 3)), np.empty((most, 3))
@@ -116,28 +116,28 @@ def clipped(corners, heads):
 
 @inline
 def clip_dry_part(ax, ay, az, bx, by, bz, cx, cy, cz, ea, eb, ec):
-    """What a straight clip takes from the corner sums of a triangle that the water cuts.
+    """What a straight clip subtracts from the corner sums of a triangle that the water cuts.
 
-    Corner a is the only wet one or the only dry one. The waterline crosses the edges ab and ac at p
-    and q, where the head, linear along each edge, is zero. Summing the closed form over the wet
-    corners alone counts their heads over the whole triangle. In both cases the difference to the
-    wet part is
+    Corner a is the only wet corner or the only dry corner. The waterline crosses the edges ab and
+    ac at p and q, where the head, linear along each edge, is zero. A sum of the closed form over
+    the wet corners counts their heads over the whole triangle. In both cases the excess over the
+    wet piece is
 
-        |e_a| / 3  (1 - t_b t_c)                                  on S, and
-        |e_a| / 12 [ (2a + b + c) - (2a + p + q) t_b t_c ]        on x S,
+        |e_a| / 3  (1 - t_b t_c)                                  times S, and
+        |e_a| / 12 [ (2a + b + c) - (2a + p + q) t_b t_c ]        x S,
 
-    where t_b and t_c are the fractions of the edges from a to p and from a to q. Returns the factor
-    of S and the vector to be crossed with S.
+    where t_b and t_c are the shares of the edges from a to p and from a to q. Returns the factor of
+    S and the vector to be crossed with S.
     """
     tb = ea / (ea - eb)
     tc = ea / (ea - ec)
-    part = tb * tc
+    share = tb * tc
     size = abs(ea)
     # 2a + p + q = 4a + tb (b - a) + tc (c - a)
-    pa, pb, pc = part * (4.0 - tb - tc), part * tb, part * tc
+    pa, pb, pc = share * (4.0 - tb - tc), share * tb, share * tc
     scale = size / 12.0
     return (
-        size / 3.0 * (1.0 - part),
+        size / 3.0 * (1.0 - share),
         scale * ((2.0 - pa) * ax + (1.0 - pb) * bx + (1.0 - pc) * cx),
         scale * ((2.0 - pa) * ay + (1.0 - pb) * by + (1.0 - pc) * cy),
         scale * ((2.0 - pa) * az + (1.0 - pb) * bz + (1.0 - pc) * cz),

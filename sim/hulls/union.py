@@ -1,7 +1,7 @@
-"""Union: closed surfaces that overlap made one, so that no water is displaced twice.
+"""Union: unites overlapping closed surfaces, so that no water is displaced twice.
 
-The library manifold3d does it, in double precision. What does not overlap stays as it is, to the
-bit.
+The library manifold3d computes it in double precision. Surfaces that do not overlap stay the same
+to the bit.
 """
 
 from collections.abc import Sequence
@@ -17,21 +17,21 @@ from sim.hulls.topology import joined, shells_of
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-COUNTED_TWICE = 1e-6
-"""Surfaces that share no more than this share of their volume touch, and do not overlap."""
+TOUCHING_SHARE = 1e-6
+"""Share of their volume: surfaces that share no more than this touch, and do not overlap."""
 
-LEVELS = 64
-"""Heights, from the top down, at which the inside of an open boat is looked for."""
+GUNWALE_LEVELS = 64
+"""Number of levels at which `_gunwale` cuts a hull. More levels find shallower open boats."""
 
-INTO_WALLS = 1e-5
-"""Share of its size by which an inside reaches into the walls around it."""
+WALL_OVERLAP_SHARE = 1e-5
+"""Share of its size by which the inside of a boat is enlarged to overlap with the walls."""
 
-SAME_HEIGHT = 1e-6
-"""Share of a hull's height within which a gunwale is taken to be at a vertex."""
+VERTEX_SHARE = 1e-6
+"""Share of a hull's height: a gunwale that is closer than this to a vertex is moved to it."""
 
 
 def overlapping(bounds: Array) -> list[list[int]]:
-    """Groups of boxes (N, 2, 3) that overlaps connect, in the order of their first members."""
+    """Groups of boxes (N, 2, 3) connected by overlaps, in the order of their first members."""
     low, high = bounds[:, 0], bounds[:, 1]
     meets = (low[:, None] < high[None]).all(axis=2) & (low[None] < high[:, None]).all(axis=2)
     group = np.arange(len(bounds))
@@ -39,10 +39,10 @@ def overlapping(bounds: Array) -> list[list[int]]:
     return [np.flatnonzero(group == g).tolist() for g in np.unique(group)]
 
 
-def united(hulls: Sequence[Hull], at_least: float = COUNTED_TWICE) -> tuple[Hull, float] | None:
-    """Hulls in one frame made one, and the volume [m^3] that they count twice when they are apart;
-    None where this is at most a share of their volume. Raises ValueError where manifold3d
-    cannot."""
+def united(hulls: Sequence[Hull], at_least: float = TOUCHING_SHARE) -> tuple[Hull, float] | None:
+    """The union of hulls in one frame, and the volume [m^3] that they count twice when they are
+    separate; None if this is at most a share `at_least` of their volume. Raises ValueError if
+    manifold3d cannot unite them."""
     import manifold3d
 
     if len(hulls) < 2:
@@ -57,17 +57,16 @@ def united(hulls: Sequence[Hull], at_least: float = COUNTED_TWICE) -> tuple[Hull
 
 
 def shared_volume(one: Hull, other: Hull) -> float:
-    """Volume [m^3] that lies in both, in one frame."""
+    """Volume [m^3] that lies in both hulls, in one frame."""
     return float((_solid(one) ^ _solid(other)).volume())
 
 
 def decked(hull: Hull) -> tuple[Hull, float] | None:
-    """An open boat's hull closed by a level deck at its lowest gunwale, and the volume [m^3] of
-    water that it would hold without; None where it holds none. z is up.
+    """The hull of an open boat, closed by a level deck at its lowest gunwale, and the volume [m^3]
+    of water that it holds without the deck; None if it holds none. z is up.
 
-    A level section below the gunwale is a ring. A prism over the ring's hole, without the hull
-    itself, falls apart into the boat's inside, which reaches up to the deck, and pieces below the
-    hull.
+    A level section below the gunwale is a ring. A prism over the ring's hole minus the hull
+    consists of the boat's inside, which reaches up to the deck, and of pieces below the hull.
     """
     import manifold3d
 
@@ -75,7 +74,7 @@ def decked(hull: Hull) -> tuple[Hull, float] | None:
     level = _gunwale(solid, float(low[2]), float(high[2]))
     if level is None:
         return None
-    close = SAME_HEIGHT * (high[2] - low[2])
+    close = VERTEX_SHARE * (high[2] - low[2])
     heights = hull.vertices[:, 2]
     nearest = float(heights[np.argmin(np.abs(heights - level))])
     deck = nearest if abs(nearest - level) < close else level
@@ -90,22 +89,22 @@ def decked(hull: Hull) -> tuple[Hull, float] | None:
 
 
 def _widened(solid: Any) -> Any:
-    """A solid made larger by INTO_WALLS about its middle, so that it reaches into its walls."""
+    """A solid enlarged about its middle by WALL_OVERLAP_SHARE."""
     centre = middle(np.reshape(solid.bounding_box(), (2, 3)))
-    return solid.translate(-centre).scale([1.0 + INTO_WALLS] * 3).translate(centre)
+    return solid.translate(-centre).scale([1.0 + WALL_OVERLAP_SHARE] * 3).translate(centre)
 
 
 def _gunwale(solid: Any, low: float, high: float) -> float | None:
-    """The greatest height [m] up to which a level section is a ring; None where none is."""
+    """The greatest height [m] at which a level section is a ring; None if there is none."""
 
     def is_ring(level: float) -> bool:
         return any(map(_is_hole, solid.slice(level).to_polygons()))
 
-    levels = np.linspace(high, low, LEVELS + 2)[1:-1]
+    levels = np.linspace(high, low, GUNWALE_LEVELS + 2)[1:-1]
     below = next((level for level in levels if is_ring(level)), None)
     if below is None:
         return None
-    above = below + (high - low) / (LEVELS + 1)
+    above = below + (high - low) / (GUNWALE_LEVELS + 1)
     for _ in range(30):
         between = 0.5 * (below + above)
         below, above = (between, above) if is_ring(between) else (below, between)
@@ -128,7 +127,7 @@ def _solid(hull: Hull) -> Any:
     import manifold3d
 
     mesh = manifold3d.Mesh64(
-        vert_properties=hull.vertices.copy(),  # it refuses what is read-only
+        vert_properties=hull.vertices.copy(),  # manifold3d refuses read-only arrays
         tri_verts=hull.faces.astype(np.uint64),
     )
     solid = manifold3d.Manifold(mesh)
@@ -138,16 +137,16 @@ def _solid(hull: Hull) -> Any:
 
 
 def outer_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Hull, float, int]:
-    """The Hull of a surface of several closed shells, as the water sees it. Shells that overlap or
-    lie in one another count once. A shell that faces inward within another is a cavity that stays
-    dry, so the water around it is displaced there too.
+    """The outer Hull of a surface of several closed shells. The volume of shells that overlap or
+    lie in one another counts once. A shell that faces inward within another is a cavity that stays
+    dry, so it displaces water too.
 
     Returns the hull, the volume [m^3] that the shells count twice, and the number of cavities.
     Raises ValueError as Hull does.
     """
     vertices, faces = np.asarray(vertices, dtype=float), np.asarray(faces)
-    name = shells_of(distinct_points(vertices)[1][faces])
-    shells = [faces[name == n] for n in np.unique(name)]
+    label = shells_of(distinct_points(vertices)[1][faces])
+    shells = [faces[label == n] for n in np.unique(label)]
     if len(shells) < 2:
         return Hull(vertices, faces), 0.0, 0
     outward, inward = [], []
@@ -155,31 +154,31 @@ def outer_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Hull, float, i
         (outward if signed_volume(vertices, shell) > 0.0 else inward).append(shell)
     hulls = [Hull(vertices, shell) for shell in outward]
     if not hulls or not all(_is_cavity(vertices, shell, hulls) for shell in inward):
-        return Hull(vertices, faces), 0.0, 0  # which says what is wrong
+        return Hull(vertices, faces), 0.0, 0  # raises the fault
     twice, whole = 0.0, []
     for group in overlapping(np.array([hull.bounds for hull in hulls])):
         try:
-            found = united([hulls[i] for i in group])
+            union = united([hulls[i] for i in group])
         except ValueError:
-            return Hull(vertices, faces), 0.0, 0  # as it is, or what is wrong with it
-        whole += [found[0]] if found else [hulls[i] for i in group]
-        twice += found[1] if found else 0.0
+            return Hull(vertices, faces), 0.0, 0  # without a union, or raises the fault
+        whole += [union[0]] if union else [hulls[i] for i in group]
+        twice += union[1] if union else 0.0
     if not twice:
         return Hull(vertices, np.concatenate(outward)), 0.0, len(inward)
     return Hull(*joined([(hull.vertices, hull.faces) for hull in whole])), twice, len(inward)
 
 
 def signed_volume(vertices: Array, faces: Indices) -> float:
-    """Volume [m^3] of a closed shell, below 0 where it faces inward."""
+    """Volume [m^3] of a closed shell; negative if it faces inward."""
     corners = vertices[faces]
     return float(cone_volumes(corners - corners.reshape(-1, 3).mean(axis=0)).sum())
 
 
 def _is_cavity(vertices: Array, faces: Indices, outward: Sequence[Hull]) -> bool:
-    """Whether a shell that faces inward lies wholly in one that faces outward."""
+    """Whether a shell that faces inward lies wholly in a hull."""
     shell = Hull(vertices, faces[:, ::-1])
     return any(
         (hull.bounds[0] <= shell.bounds[0]).all() and (shell.bounds[1] <= hull.bounds[1]).all()
-        and shared_volume(shell, hull) >= (1.0 - COUNTED_TWICE) * shell.volume
+        and shared_volume(shell, hull) >= (1.0 - TOUCHING_SHARE) * shell.volume
         for hull in outward
     )  # fmt: skip

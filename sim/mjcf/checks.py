@@ -1,4 +1,4 @@
-"""Checks: options of a model with which the forces of the water would be wrong or missing."""
+"""Checks: refuses options of a model with which the water's forces would be wrong or missing."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.mjcf.faults import Faults
 
-AIR = {"density": 2.0, "viscosity": 1e-4}
+AIR_BOUNDS = {"density": 2.0, "viscosity": 1e-4}
 """Density [kg/m^3] and viscosity [Pa s] below which MuJoCo's own fluid counts as air."""
 
 
@@ -20,9 +20,9 @@ def check_physics(model: mujoco.MjModel, faults: Faults) -> None:
 
 def _wrong_options(model: mujoco.MjModel) -> Iterator[str]:
     option, bits = model.opt, mujoco.mjtDisableBit
-    for name, of_air in AIR.items():
+    for name, bound in AIR_BOUNDS.items():
         value = getattr(option, name)
-        if not 0.0 <= value < of_air:
+        if not 0.0 <= value < bound:
             yield (
                 f"option {name} is {value:g}: MuJoCo would add its own fluid forces, and the fluid "
                 "would count twice; set it to 0 (the custom numeric 'water_density' is the water's)"
@@ -35,8 +35,8 @@ def _wrong_options(model: mujoco.MjModel) -> Iterator[str]:
         value = getattr(option, name)
         if not np.isfinite(value) or value < 0.0 or (value == 0.0 and expected == "above 0"):
             yield f"option {name} is {value:g}; it must be finite and {expected}: correct it"
-    known = {*AIR, "timestep", "impratio", "tolerance", "gravity"}
-    for name in (n for n in dir(option) if n not in known and not n.startswith("_")):
+    checked = {*AIR_BOUNDS, "timestep", "impratio", "tolerance", "gravity"}
+    for name in (n for n in dir(option) if n not in checked and not n.startswith("_")):
         value = getattr(option, name)
         if isinstance(value, float | np.ndarray) and not np.isfinite(value).all():
             yield f"option {name} is {value}; it must be finite: correct it"
@@ -60,14 +60,14 @@ def _wrong_options(model: mujoco.MjModel) -> Iterator[str]:
 
 
 def check_solver(model: mujoco.MjModel) -> None:
-    """Refuse solvers that use the inertia matrix from before drag and added mass are added."""
-    found = ""
+    """Refuse solvers that use the inertia matrix without drag and added mass."""
+    fault = ""
     if model.opt.solver == mujoco.mjtSolver.mjSOL_PGS:
-        found = "option solver is PGS"
+        fault = "option solver is PGS"
     elif model.opt.noslip_iterations > 0:
-        found = f"option noslip_iterations is {model.opt.noslip_iterations}"
-    if found:
+        fault = f"option noslip_iterations is {model.opt.noslip_iterations}"
+    if fault:
         raise ValueError(
-            f"{found}: contacts would not feel drag and added mass; set solver to Newton or CG and "
+            f"{fault}: contacts would not feel drag and added mass; set solver to Newton or CG and "
             "noslip_iterations to 0"
         )

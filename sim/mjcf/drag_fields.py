@@ -18,15 +18,15 @@ from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
-BASES = ("drag", "drag_angular", "added_mass", "damping")
+RESISTANCE_FIELDS = ("drag", "drag_angular", "added_mass", "damping")
 
 
 @dataclass(frozen=True)
 class DragFields:
     """The fields of a geom's resistance.
 
-    values: the numbers of those of BASES that the model has. sources: the names of the fields that
-    they come from.
+    values: the numbers of the RESISTANCE_FIELDS that the model has. sources: the full names of
+    these fields.
     """
 
     values: Mapping[str, Array]
@@ -34,53 +34,46 @@ class DragFields:
 
     @classmethod
     def of(cls, names: Sequence[str], numerics: Mapping[str, Array]) -> "DragFields":
-        """The fields that hold for a geom (see `of_geom`)."""
-        sources = {base: of_geom(base, names, numerics) for base in BASES}
-        found = {base: source for base, source in sources.items() if source in numerics}
-        values = {base: numerics[source] for base, source in found.items()}
-        return cls(values, tuple(found.values()))
+        """The fields that apply to a geom (see `of_geom`)."""
+        sources = {base: of_geom(base, names, numerics) for base in RESISTANCE_FIELDS}
+        sources = {base: source for base, source in sources.items() if source in numerics}
+        values = {base: numerics[source] for base, source in sources.items()}
+        return cls(values, tuple(sources.values()))
 
     @property
     def key(self) -> tuple[tuple[str, bytes], ...]:
-        """A key that is equal for equal fields."""
+        """A key that is equal for equal values."""
         return tuple((base, values.tobytes()) for base, values in self.values.items())
 
     def made(
         self, model: mujoco.MjModel, geom: int, hull: Hull, sea: Sea, afloat: float
     ) -> Drag | None:
         """The Drag of a geom's hull; None without resistance. afloat: the submerged share of the
-        hull at rest. A matrix, as a panel code gives it, belongs to the hull at rest, so it is
-        divided by that share. Raises ValueError."""
+        hull at rest. A 6 x 6 matrix, for example from a panel code, describes the hull at rest, so
+        it is divided by that share. Raises ValueError."""
         values = self.values
-        if not any(value.any() for value in values.values()):
+        if not any(numbers.any() for numbers in values.values()):
             return None
-        strengths = np.concatenate(
+        coefficients = np.concatenate(
             [values.get("drag", np.zeros(3)), values.get("drag_angular", [0.0])]
         )
         matrices = {}
-        in_body = geom_in_inertial_frame(model, geom)
+        position, rotation = geom_in_inertial_frame(model, geom)
         try:
-            for base in ("added_mass", "damping"):
-                if base in values:
-                    share = afloat if values[base].size == 36 else 1.0
-                    matrix = _matrix_of(model, geom, hull, sea, base, values[base])
-                    matrices[base] = moved_matrix(matrix, *in_body) / share
-            return Drag(hull, sea, DragCoefficients(*strengths), **matrices)
+            if "added_mass" in values:
+                hull_of_body = hull.moved(rotation, position)
+                matrix = added_mass_matrix(hull_of_body, sea.density, values["added_mass"])
+                _check_diagonal(model, int(model.geom_bodyid[geom]), matrix)
+                matrices["added_mass"] = matrix
+            if "damping" in values:
+                matrices["damping"] = damping_matrix(values["damping"])
+            for base, matrix in matrices.items():
+                share = afloat if values[base].size == 36 else 1.0
+                matrices[base] = moved_matrix(matrix, position, rotation) / share
+            return Drag(hull, sea, DragCoefficients(*coefficients), **matrices)
         except ValueError as error:
             names = " and ".join(f"'{source}'" for source in self.sources)
             raise ValueError(f"custom numeric {names}: {error}") from None
-
-
-def _matrix_of(
-    model: mujoco.MjModel, geom: int, hull: Hull, sea: Sea, base: str, given: Array
-) -> Array:
-    """Added mass or damping (6, 6) in the inertial frame of a geom's body."""
-    if base == "damping":
-        return damping_matrix(given)
-    position, rotation = geom_in_inertial_frame(model, geom)
-    matrix = added_mass_matrix(hull.moved(rotation, position), sea.density, given)
-    _check_diagonal(model, int(model.geom_bodyid[geom]), matrix)
-    return matrix
 
 
 def _check_diagonal(model: mujoco.MjModel, body: int, matrix: Array) -> None:
@@ -89,16 +82,16 @@ def _check_diagonal(model: mujoco.MjModel, body: int, matrix: Array) -> None:
     if model.body_simple[body] == 0:
         return
     if model.jnt_type[model.body_jntadr[body]] == mujoco.mjtJoint.mjJNT_FREE:
-        allowed = np.diag(np.diag(matrix))  # the first three are world axes, so they must be equal
-        allowed[:3, :3] = np.mean(np.diag(matrix)[:3]) * np.eye(3)
-        rest = matrix - allowed
-    else:  # slides
+        kept = np.diag(np.diag(matrix))  # the first three are world axes, so they must be equal
+        kept[:3, :3] = np.mean(np.diag(matrix)[:3]) * np.eye(3)
+        lost = matrix - kept
+    else:  # slide joints
         axes = model.jnt_axis[model.jnt_bodyid == body] @ frame_rotation(model.body_iquat[body])
-        rest = axes @ matrix[:3, :3] @ axes.T
-        rest -= np.diag(np.diag(rest))
-    if np.abs(rest).max() > 1e-9 * np.abs(matrix).max():
+        lost = axes @ matrix[:3, :3] @ axes.T
+        lost -= np.diag(np.diag(lost))
+    if np.abs(lost).max() > 1e-9 * np.abs(matrix).max():
         raise ValueError(
             f"MuJoCo keeps only the diagonal of the inertia of body '{body_label(model, body)}', "
             "and this added mass is not the same along all axes: put an empty <body/> inside that "
-            "body, then the whole matrix has room"
+            "body, then MuJoCo keeps the whole matrix"
         )

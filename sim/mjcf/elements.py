@@ -1,7 +1,7 @@
 """Elements: the custom elements of a compiled model that belong to the table of fields.
 
-`MjSpec.attach` puts a prefix before the names of the model that it attaches. Each attached model
-with a tuple `buoyant` is read by itself, with its own fields.
+`MjSpec.attach` puts a prefix before the names of the attached model. Each attached model with a
+tuple `buoyant` has its own fields.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 
 
 def prefixes_of(tuples: Iterable[str]) -> list[str]:
-    """The prefixes of attached models, from the names of all tuples. The model's own, "", is
-    first."""
+    """The prefixes of the model itself, "", and of attached models, from the names of all
+    tuples."""
     attached = [n.removesuffix(BUOYANT) for n in tuples if n.endswith(BUOYANT) and n != BUOYANT]
     return ["", *attached]
 
@@ -47,40 +47,40 @@ def elements_of(
 ) -> Iterator[tuple[int, str]]:
     """Index and name (without the prefix) of the custom elements of one kind that belong to the
     table of fields."""
-    for i, whole in enumerate(custom_names(model, kind)):
-        name = whole.removeprefix(prefix)
-        if whole.startswith(prefix) and (name.startswith(PREFIXES) or name == "drag"):
+    for i, full_name in enumerate(custom_names(model, kind)):
+        name = full_name.removeprefix(prefix)
+        if full_name.startswith(prefix) and (name.startswith(PREFIXES) or name == "drag"):
             yield i, name
 
 
 def numerics_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str, Array]:
     """The numerics by name. Unknown names and wrong numbers are faults."""
-    found = {}
+    numerics = {}
     for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_NUMERIC, prefix):
         with faults.collected():
             values = np.array(model.numeric(i).data)
             check_numeric(name, values)
-            found[name] = values
-    return found
+            numerics[name] = values
+    return numerics
 
 
 def texts_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str, str]:
     """The texts by name. Unknown names are faults."""
-    found = {}
+    texts = {}
     for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_TEXT, prefix):
         with faults.collected():
             check_text(name)
             start = model.text_adr[i]
             raw = bytes(model.text_data[start : start + model.text_size[i]])
-            found[name] = raw.split(b"\0")[0].decode().strip()
-    return found
+            texts[name] = raw.split(b"\0")[0].decode().strip()
+    return texts
 
 
 def check_geoms(
     kind: str, names: Iterable[str], geoms: Sequence[Sequence[str]], faults: Faults
 ) -> None:
-    """Collect a fault for each element of a kind that is meant for one geom (`<name>_<geom>`) and
-    names none of the listed geoms. geoms: for each of them the names that fields may call it."""
+    """Collect a fault for each element of a kind that is for one geom (`<name>_<geom>`) and names
+    none of the listed geoms. geoms: for each geom the names by which fields may refer to it."""
     known = set().union(*geoms)
     for name in names:
         base = text_base(name) if kind == "text" else numeric_base(name)
@@ -94,12 +94,13 @@ def check_geoms(
             )
 
 
-def of_geom(base: str, names: Sequence[str], found: Mapping[str, Any]) -> str:
-    """The name of the field that holds for a geom: its own, else that of the nearest body above it,
-    else the scene's."""
-    return next((f"{base}_{n}" for n in names if f"{base}_{n}" in found), base)
+def of_geom(base: str, names: Sequence[str], fields: Mapping[str, Any]) -> str:
+    """The name of the field that applies to a geom: the geom's field, else the field of the nearest
+    body above it, else the scene's field. names: of the geom and the bodies, as in `Listed`."""
+    return next((f"{base}_{n}" for n in names if f"{base}_{n}" in fields), base)
 
 
-def numbers_of(base: str, found: Mapping[str, Array], names: Sequence[str] = ()) -> list[float]:
-    """All numbers of a field, with its defaults where they are left out; for a geom, of_geom's."""
-    return NUMERICS[base].filled(found.get(of_geom(base, names, found), ()))
+def numbers_of(base: str, fields: Mapping[str, Array], names: Sequence[str] = ()) -> list[float]:
+    """All numbers of a field of the scene, or of a geom with these names, with defaults for missing
+    numbers."""
+    return NUMERICS[base].filled(fields.get(of_geom(base, names, fields), ()))

@@ -1,4 +1,4 @@
-"""Faults and notes: all that is wrong with a model, and what its author may want to know."""
+"""Faults and notes: errors of a model, and warnings for its author."""
 
 import re
 import sys
@@ -11,7 +11,7 @@ PACKAGE = str(Path(__file__).parents[1])
 """The folder of this package."""
 
 NAMES_AND_NUMBERS = re.compile(r"'[^']*'|[-+.\d]+(e[-+]?\d+)?")
-"""Names and numbers in notes. Notes that differ only in these are of one kind."""
+"""Names and numbers in notes. Notes that differ only in these are of the same kind."""
 
 
 class Note(UserWarning):
@@ -19,8 +19,8 @@ class Note(UserWarning):
 
 
 class ModelError(ValueError):
-    """A model that cannot float. faults: what is wrong, one line each. notes: what else its author
-    probably did not intend, which may explain the faults."""
+    """A model that cannot float. faults: one line each. notes: likely mistakes, which may explain
+    the faults."""
 
     def __init__(self, faults: Iterable[str], notes: Iterable[str] = ()) -> None:
         self.faults, self.notes = tuple(faults), tuple(notes)
@@ -35,14 +35,14 @@ class ModelError(ValueError):
 
 
 class Faults:
-    """A list of faults that grows as they are found."""
+    """The faults that have been found so far."""
 
     def __init__(self) -> None:
         self.found: list[str] = []
 
     @contextmanager
     def collected(self) -> Iterator[None]:
-        """A block whose ValueError is added to the list, once, instead of being raised."""
+        """A block whose ValueError is collected, once, instead of being raised."""
         try:
             yield
         except ValueError as error:
@@ -57,8 +57,8 @@ class Faults:
 
 
 def say(notes: Iterable[str]) -> None:
-    """Warn of each note. Of several notes of one kind, only the first is shown, with the number of
-    the others. The warning points at the caller's line outside this package."""
+    """Warn of each note. Only the first of several notes of the same kind is shown, with the number
+    of the others. The warning points at the caller's line outside this package."""
     alike: dict[str, list[str]] = {}
     for note in dict.fromkeys(notes):
         alike.setdefault(NAMES_AND_NUMBERS.sub("", note), []).append(note)

@@ -1,10 +1,10 @@
 """Fields: the table of all custom elements that describe the water and the hulls.
 
-A scene is one MJCF file, and what concerns the water stands in its `<custom>` element. Each field
-is described here once. Refusals, `--help` and the documentation are printed from this table.
+A scene is one MJCF file; its `<custom>` element describes the water. Each field is described here
+once. Refusals, `--help` and the documentation are printed from this table.
 
-The tuple `buoyant` lists what floats: geoms, whose surfaces are hulls, or bodies, each of which
-stands for all geoms of its subtree that collide (for all geoms, if none collides).
+The tuple `buoyant` lists geoms, whose surfaces are hulls, and bodies. A body stands for all geoms
+of its subtree that collide, or for all geoms if none collides.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,10 +22,10 @@ from sim.water.sea import DEFAULT_PRESSURE
 from sim.water.spectrum import LARGEST_SEED, MOST_WAVES, WIDEST_SPREAD
 
 LARGEST_NUMBER = 1e9
-"""Bound of numbers that have no bound of their own, in any unit."""
+"""Default bound of numbers, in any unit."""
 
 BUOYANT = "buoyant"
-"""The tuple that lists what floats."""
+"""The tuple that lists the floating geoms and bodies."""
 
 COMPONENTS, RECORD = "sea_components", "sea_record"
 """The texts that name files."""
@@ -39,16 +39,16 @@ PREFIXES = (
     *WATER_PREFIXES, "wave", "buoyan", "chord_", "reference_", "drag_", "added_mass", "damping",
     "displaced",
 )  # fmt: skip
-"""Beginnings of names that belong to this table. An unknown name that begins like this is a typing
-error, and is refused."""
+"""Beginnings of names that belong to this table. An unknown name with such a beginning is a typing
+error and is refused."""
 
 
 @dataclass(frozen=True)
 class Number:
     """One number of a field.
 
-    name, unit: what it is. least, most: its bounds, with `least` itself excluded if is_above.
-    is_whole: whether it is a whole number. default: its value where the field leaves it out.
+    least, most: its bounds; is_above excludes `least` itself. is_whole: whether it is a whole
+    number. default: its value if the field leaves it out.
     """
 
     name: str
@@ -75,17 +75,17 @@ class Number:
     def check(self, value: float) -> None:
         """Raise ValueError for a value out of bounds."""
         if not self.allows(value):
-            found = f"{value:g} {self.unit}".strip()
-            raise ValueError(f"the {self.name} is {found}; it must be {self.expected}")
+            quantity = f"{value:g} {self.unit}".strip()
+            raise ValueError(f"the {self.name} is {quantity}; it must be {self.expected}")
 
 
 @dataclass(frozen=True)
 class NumericField:
     """A field that is a custom numeric.
 
-    meaning: one line of documentation. numbers: in their order; those after the first `needed` may
-    be left out. counts: the allowed counts, where the field is a row of one kind of number.
-    per_geom: whether `<name>_<geom>` gives it to one geom, or to all geoms below one body.
+    meaning: one line of documentation. numbers: in order; the numbers after the first `needed` are
+    optional. counts: the allowed counts, if the field is a row of one kind of number. per_geom:
+    whether `<name>_<geom>` sets it for one geom, or for all geoms below one body.
     """
 
     meaning: str
@@ -128,7 +128,7 @@ class NumericField:
 
 @dataclass(frozen=True)
 class TextField:
-    """A field that is a custom text. value: what the text says, for the documentation."""
+    """A field that is a custom text. value: the text's content, for the documentation."""
 
     meaning: str
     value: str
@@ -153,7 +153,7 @@ _SEA = (
     Number("number of waves", "", 1, MOST_WAVES, is_whole=True, default=40),
     Number("seed", "", 0, LARGEST_SEED, is_whole=True),
 )  # fmt: skip
-"""The last numbers of every irregular sea: how its spectrum is cut into waves."""
+"""The last numbers of every irregular sea: how its spectrum is divided into waves."""
 
 NUMERICS = {
     "wave_<name>": NumericField(
@@ -260,7 +260,8 @@ NUMERICS = {
         per_geom=True,
     ),
 }  # fmt: skip
-"""All numerics by name. A name that begins another one stands after it: `drag_angular`, `drag`."""
+"""All numerics by name. A name comes after longer names that begin with it: `drag_angular`,
+`drag`."""
 
 TEXTS = {
     COMPONENTS: TextField(
@@ -327,8 +328,8 @@ def _names(table: dict[str, NumericField] | dict[str, TextField]) -> list[str]:
 
 
 def described() -> Iterator[tuple[str, str, str]]:
-    """A row (name, value, meaning) of documentation for each field. The value gives numbers and
-    units, with the defaults in brackets."""
+    """A row (name, value, meaning) of documentation for each field. The value lists numbers and
+    units, with defaults in brackets."""
     for (base, field), name in zip(NUMERICS.items(), _names(NUMERICS), strict=True):
         numbers = []
         for i, number in enumerate(field.numbers):

@@ -1,4 +1,4 @@
-"""Files: the files that an MJCF file is compiled from."""
+"""Files: finds the files that an MJCF file is compiled from."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,13 +7,13 @@ from xml.etree import ElementTree
 from sim.mjcf.fields import COMPONENTS, RECORD
 
 FOLDERS = ("meshdir", "texturedir", "assetdir")
-"""Attributes of <compiler> that name the folders of files."""
+"""Attributes of <compiler> that name folders."""
 
 
 def model_files(path: Path) -> list[Path]:
-    """An MJCF file and all existing files that it names: includes (and what they name), meshes,
-    height fields, textures, seas. A file that is not XML names no others."""
-    found: list[Path] = [path]
+    """An MJCF file and all existing files that it or its includes name: includes, meshes, height
+    fields, textures, seas. A file that is not XML names no others."""
+    files: list[Path] = [path]
     folders, names, waiting = [path.parent], [], [path]
     while waiting:
         for element in _elements(waiting.pop()):
@@ -23,12 +23,12 @@ def model_files(path: Path) -> list[Path]:
             if element.tag == "text" and element.attrib.get("name") in (COMPONENTS, RECORD):
                 names.append(element.attrib.get("data", ""))
             included = path.parent / element.attrib.get("file", "")
-            if element.tag == "include" and included.is_file() and included not in found:
-                found.append(included)
+            if element.tag == "include" and included.is_file() and included not in files:
+                files.append(included)
                 waiting.append(included)
     for name in names:
-        found += [folder / name for folder in folders if (folder / name).is_file()]
-    return list(dict.fromkeys(found))
+        files += [folder / name for folder in folders if (folder / name).is_file()]
+    return list(dict.fromkeys(files))
 
 
 def _elements(path: Path) -> Iterator[ElementTree.Element]:

@@ -18,10 +18,10 @@ from sim.resistance.drag import Drag
 class FloatingGeom:
     """A geom that floats.
 
-    name, geom: its name and id. body: the id of its body. method: computes its wrench. drag: its
-    resistance, if the model asks for any. The hull of both is in the geom's frame (geom_xpos,
-    geom_xmat). displaced: the volume that it displaces, over its hull's volume. united: ids of all
-    geoms that its hull is made from, if there are several.
+    geom: its id. body: the id of its body. method: computes its wrench. drag: its resistance, if it
+    has any. The hull of both is in the geom's frame (geom_xpos, geom_xmat). displaced: the volume
+    that it displaces, over its hull's volume. united: ids of all geoms that its hull is made from,
+    if there are several.
     """
 
     name: str
@@ -39,8 +39,8 @@ class FloatingGeom:
 
 
 class Listed(NamedTuple):
-    """A geom in the tuple `buoyant`, and the names by which fields may mean it: its own, then the
-    names of its body and of the bodies above."""
+    """A geom in the tuple `buoyant`, and the names by which fields may refer to it: its own, then
+    the names of its body and of the bodies above."""
 
     geom: int
     names: tuple[str, ...]
@@ -59,25 +59,26 @@ def geom_label(model: mujoco.MjModel, geom: int) -> str:
 
 
 def listed_geoms(model: mujoco.MjModel, prefix: str, faults: Faults) -> list[Listed]:
-    """The geoms of the tuple with a prefix, each on a body that can move."""
+    """The geoms of the tuple `buoyant` with a prefix, all on bodies that can move."""
     tuples = {name: i for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_TUPLE, prefix)}
     for name in tuples:
         if name != BUOYANT:
             with faults.collected():
                 refuse_unknown("tuple", name, BUOYANT)
-    found: list[Listed] = []
+    listed: list[Listed] = []
     if BUOYANT not in tuples:
-        return found
+        return listed
     elements = model.tuple(tuples[BUOYANT])
     for kind, target in zip(elements.objtype, elements.objid, strict=True):
         with faults.collected():
             for geom in _geoms_of(model, int(kind), int(target)):
                 with faults.collected():
-                    _check_new(model, geom, found)
+                    _check_new(model, geom, listed)
                     _check_movable(model, geom)
-                    names = tuple(n.removeprefix(prefix) for n in _names_of(model, geom))
-                    found.append(Listed(geom, names))
-    return found
+                    bodies = _ancestors(model, int(model.geom_bodyid[geom]))
+                    names = geom_label(model, geom), *(body_label(model, b) for b in bodies)
+                    listed.append(Listed(geom, tuple(n.removeprefix(prefix) for n in names)))
+    return listed
 
 
 def _geoms_of(model: mujoco.MjModel, kind: int, target: int) -> list[int]:
@@ -89,7 +90,8 @@ def _geoms_of(model: mujoco.MjModel, kind: int, target: int) -> list[int]:
             f"tuple 'buoyant' lists '{mujoco.mj_id2name(model, kind, target)}', which is neither a "
             'geom nor a body; hulls are made from geoms: use objtype="geom" or objtype="body"'
         )
-    below = [g for g in range(model.ngeom) if _is_below(model, int(model.geom_bodyid[g]), target)]
+    bodies = map(int, model.geom_bodyid)
+    below = [geom for geom, body in enumerate(bodies) if target in _ancestors(model, body)]
     if not below:
         raise ValueError(
             f"tuple 'buoyant' lists body '{body_label(model, target)}', which has no geom in its "
@@ -103,21 +105,11 @@ def collides(model: mujoco.MjModel, geom: int) -> bool:
     return bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
 
 
-def _is_below(model: mujoco.MjModel, body: int, ancestor: int) -> bool:
-    return ancestor in _ancestors(model, body)
-
-
 def _ancestors(model: mujoco.MjModel, body: int) -> Iterator[int]:
     """A body and all bodies above it, without the world."""
     while body > 0:
         yield body
         body = int(model.body_parentid[body])
-
-
-def _names_of(model: mujoco.MjModel, geom: int) -> Iterator[str]:
-    yield geom_label(model, geom)
-    for body in _ancestors(model, int(model.geom_bodyid[geom])):
-        yield body_label(model, body)
 
 
 def _check_new(model: mujoco.MjModel, geom: int, listed: list[Listed]) -> None:
@@ -129,21 +121,19 @@ def _check_new(model: mujoco.MjModel, geom: int, listed: list[Listed]) -> None:
 
 
 def _check_movable(model: mujoco.MjModel, geom: int) -> None:
-    name, body = geom_label(model, geom), int(model.geom_bodyid[geom])
-    where = f"geom '{name}' belongs to body '{body_label(model, body)}'"
-    if body == 0:
-        where = f"geom '{name}' belongs to the world body"
+    body = int(model.geom_bodyid[geom])
     if model.body_weldid[body] == 0 or model.body_mocapid[body] >= 0:
+        owner = f"body '{body_label(model, body)}'" if body else "the world body"
         raise ValueError(
-            f"{where}, which cannot move, so nothing can float it; give its body a joint "
-            "(<freejoint/>) or take it from the tuple 'buoyant'"
+            f"geom '{geom_label(model, geom)}' belongs to {owner}, which cannot move and so cannot "
+            "float; give its body a joint (<freejoint/>) or remove it from the tuple 'buoyant'"
         )
 
 
 def first_state(model: mujoco.MjModel, keyframe: str | None = None) -> mujoco.MjData:
-    """A state of a model, with its kinematics, in the keyframe of a name, or in the first keyframe
-    if there is one. Raises ValueError for an unknown name, and for a keyframe with a number that is
-    not finite, which MuJoCo would silently replace."""
+    """A state of a model, with its kinematics, in a named keyframe, or by default in the first
+    keyframe, if there is one. Raises ValueError for an unknown name, and for a keyframe with a
+    number that is not finite, which MuJoCo would silently replace."""
     data = mujoco.MjData(model)
     key = 0 if model.nkey else -1
     if keyframe is not None:
@@ -167,11 +157,11 @@ def moving_dofs(model: mujoco.MjModel, body: int) -> list[int]:
     """The degrees of freedom that move a body, ascending."""
     while body > 0 and model.body_dofnum[body] == 0:
         body = int(model.body_parentid[body])
-    dof, found = int(model.body_dofadr[body] + model.body_dofnum[body]) - 1, []
+    dof, dofs = int(model.body_dofadr[body] + model.body_dofnum[body]) - 1, []
     while dof >= 0:
-        found.insert(0, dof)
+        dofs.insert(0, dof)
         dof = int(model.dof_parentid[dof])
-    return found
+    return dofs
 
 
 def bodies_above(model: mujoco.MjModel, bodies: np.ndarray) -> set[int]:

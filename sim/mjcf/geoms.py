@@ -22,15 +22,15 @@ PRIMITIVES: dict[GeomType, tuple[Callable[..., Hull], int]] = {
     GeomType.mjGEOM_CYLINDER: (primitives.cylinder, 2),
     GeomType.mjGEOM_CAPSULE: (primitives.capsule, 2),
 }
-"""What makes the hull of a geom, and how many of the geom's sizes it takes."""
+"""The function that makes the hull of a geom, and the number of the geom's sizes that it takes."""
 
-OFF_CENTRE = 1e-3
-"""Share of a mesh's extent: a centre of mass farther from the centre of volume was not computed
-from the volume."""
+OFF_CENTRE_SHARE = 1e-3
+"""Share of a mesh's extent: if the centre of mass is farther than this from the centre of volume,
+the mass was not computed from the volume."""
 
 
 def geom_hull(model: mujoco.MjModel, geom: int) -> tuple[Hull, list[str]]:
-    """Hull of a geom, in the geom's frame, and what to say about it. Raises ValueError."""
+    """The hull of a geom, in the geom's frame, and notes about it. Raises ValueError."""
     kind = GeomType(int(model.geom_type[geom]))
     label = f"geom '{geom_label(model, geom)}'"
     try:
@@ -50,12 +50,12 @@ def geom_hull(model: mujoco.MjModel, geom: int) -> tuple[Hull, list[str]]:
 
 
 def _mesh_hull(model: mujoco.MjModel, mesh: int, label: str) -> tuple[Hull, list[str]]:
-    """Hull of a mesh asset, in which overlapping shells count once, and what to say about it."""
+    """The hull of a mesh asset, in which overlapping shells count once, and notes about it."""
     hull, twice, cavities = outer_surface(*_mesh_surface(model, mesh))
     notes = []
     if twice > 0.0:
         notes.append(
-            f"{label}: its shells overlap and are one hull: by themselves they would count "
+            f"{label}: its shells overlap and are one hull: separate shells would count "
             f"{100.0 * twice / hull.volume:.2g} % of its volume twice"
         )
     if cavities:
@@ -68,14 +68,13 @@ def _mesh_hull(model: mujoco.MjModel, mesh: int, label: str) -> tuple[Hull, list
 
 
 def _inexact_inertia(hull: Hull) -> str:
-    """What to say where MuJoCo did not put a mesh's frame at its centre of volume, and so did not
-    compute its mass from its volume either; "" where it did.
+    """A note if MuJoCo did not compute a mesh's mass from its volume; "" if it did. Its frame is
+    then not at the centre of volume.
 
-    By default it takes all volumes of pyramids from a middle as positive, which overstates the
-    volume of a mesh that is not convex.
+    By default MuJoCo counts the volumes of all pyramids from a middle as positive, which overstates
+    the volume of a mesh that is not convex.
     """
-    size = float(np.ptp(hull.bounds, axis=0).max())
-    if np.linalg.norm(hull.centroid) <= OFF_CENTRE * size:
+    if np.linalg.norm(hull.centroid) <= OFF_CENTRE_SHARE * hull.length:
         return ""
     corners = hull.vertices[hull.faces]
     sizes = areas(corners)
@@ -84,8 +83,8 @@ def _inexact_inertia(hull: Hull) -> str:
     overstated = 100.0 * (volumes.sum() / hull.volume - 1.0)
     mass = f"its mass {overstated:.2g} % above" if overstated > 0.1 else "its mass is off"
     return (
-        f"MuJoCo's centre of mass is {np.linalg.norm(hull.centroid):.2g} m from that of the volume"
-        f', and {mass}; give the mesh asset inertia="exact" (or the body an inertial of its own)'
+        f"MuJoCo's centre of mass is {np.linalg.norm(hull.centroid):.2g} m from the centre of "
+        f'volume, and {mass}; give the mesh asset inertia="exact" (or the body an <inertial>)'
     )
 
 
@@ -93,12 +92,12 @@ def geom_in_inertial_frame(model: mujoco.MjModel, geom: int) -> tuple[Array, Arr
     """Position (3,) [m] and rotation (3, 3) of a geom in its body's inertial frame."""
     body = int(model.geom_bodyid[geom])
     axes = frame_rotation(model.body_iquat[body]).T
-    place = axes @ (model.geom_pos[geom] - model.body_ipos[body])
-    return place, axes @ frame_rotation(model.geom_quat[geom])
+    position = axes @ (model.geom_pos[geom] - model.body_ipos[body])
+    return position, axes @ frame_rotation(model.geom_quat[geom])
 
 
 def frame_rotation(quaternion: Array) -> Array:
-    """Rotation (3, 3) of a model's frame, computed by MuJoCo, so that hulls lie exactly where its
+    """Rotation (3, 3) of a quaternion (4,), computed by MuJoCo, so that hulls lie exactly where the
     geoms do."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quaternion)

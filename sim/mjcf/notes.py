@@ -1,4 +1,4 @@
-"""Notes: what in a model is likely not meant, each said in one line with the remedy."""
+"""Notes: likely mistakes in a model, each in one line with its remedy."""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.hulls.hull import Hull
-from sim.mjcf.checks import AIR
+from sim.mjcf.checks import AIR_BOUNDS
 from sim.mjcf.floats import (
     FloatingGeom,
     bodies_above,
@@ -20,46 +20,38 @@ from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
-LIGHTEST, HEAVIEST = 0.01, 20.0
-"""Relative densities outside of which something is wrong with a mass or a size."""
+SMALLEST_RELATIVE_DENSITY, LARGEST_RELATIVE_DENSITY = 0.01, 20.0
+"""Relative densities outside of which a mass or a size is likely wrong."""
 
-LONGEST, SHORTEST = 100.0, 1e-3
-"""Extents of a hull over the longest and shortest wavelength that hint at wrong units."""
+LARGEST_WAVELENGTHS, SMALLEST_WAVELENGTHS = 100.0, 1e-3
+"""Extents of a hull, in longest and in shortest wavelengths, outside of which units are likely
+wrong."""
 
-NEAR = 0.1
-"""Of a hull's extents: a floor this close to the waves' band is in their way."""
+FLOOR_DISTANCE_SHARE = 0.1
+"""Share of the longest hull: a floor closer than this to the waves is at the water's surface."""
 
 
 def notes_about(model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom]) -> list[str]:
-    """All that there is to say about a model that floats, wherever it starts."""
-    trees = _trees(model, floats)
+    """Notes about a model that floats, whatever its state."""
     return [
-        *_about_air(model), *_about_gravity(model, floats), *_about_densities(model, sea, trees),
+        *_about_air(model), *_about_gravity(model, floats), *_about_densities(model, sea, floats),
     ]  # fmt: skip
 
 
-def notes_about_places(
+def notes_about_positions(
     model: mujoco.MjModel, start: mujoco.MjData, sea: Sea, floats: Sequence[FloatingGeom]
 ) -> list[str]:
-    """What there is to say about where a model starts."""
+    """Notes about the positions in which a model starts."""
     return [*notes_of_overlaps(start, floats), *_about_floors(model, start, sea, floats)]
 
 
-def _trees(model: mujoco.MjModel, floats: Sequence[FloatingGeom]) -> dict[int, list[FloatingGeom]]:
-    """The floats by the root of their tree."""
-    found: dict[int, list[FloatingGeom]] = {}
-    for f in floats:
-        found.setdefault(int(model.body_rootid[f.body]), []).append(f)
-    return found
-
-
 def _about_air(model: mujoco.MjModel) -> Iterator[str]:
-    for name in AIR:
+    for name in AIR_BOUNDS:
         value = getattr(model.opt, name)
         if value > 0.0:
             yield (
-                f"option {name} is {value:g}, air's: MuJoCo's air drag acts under water too; set "
-                "it to 0 if that matters"
+                f"option {name} is {value:g}, as in air: MuJoCo's air drag acts under water too; "
+                "set it to 0 if that matters"
             )
 
 
@@ -69,37 +61,41 @@ def _about_gravity(model: mujoco.MjModel, floats: Sequence[FloatingGeom]) -> Ite
         if share != 0.0 and model.body_mass[body] > 0.0:
             yield (
                 f"body '{body_label(model, body)}' has gravcomp {share:g}: MuJoCo carries that "
-                "part of its weight and the water pushes as ever: it floats too high or flies; set "
-                "it to 0"
+                "share of its weight, so it floats too high or flies; set it to 0"
             )
 
 
 def _about_densities(
-    model: mujoco.MjModel, sea: Sea, trees: dict[int, list[FloatingGeom]]
+    model: mujoco.MjModel, sea: Sea, floats: Sequence[FloatingGeom]
 ) -> Iterator[str]:
-    for root, floats in trees.items():
+    volumes: dict[int, float] = {}
+    for f in floats:
+        root = int(model.body_rootid[f.body])
+        volumes[root] = volumes.get(root, 0.0) + f.displaced * f.method.hull.volume
+    least, most = SMALLEST_RELATIVE_DENSITY, LARGEST_RELATIVE_DENSITY
+    for root, volume in volumes.items():
         mass = float(model.body_subtreemass[root])
-        volume = sum(f.displaced * f.method.hull.volume for f in floats)
         relative = mass / (sea.density * volume)
-        if not LIGHTEST <= relative <= HEAVIEST:
+        if not least <= relative <= most:
             yield (
-                f"body '{body_label(model, root)}' weighs {mass:.3g} kg and its hulls hold "
+                f"body '{body_label(model, root)}' weighs {mass:.3g} kg and its hulls displace "
                 f"{volume:.3g} m^3: {relative:.3g} times as dense as the water; expected "
-                f"{LIGHTEST:g} to {HEAVIEST:g}: check masses and units (lengths are metres)"
+                f"{least:g} to {most:g}: check masses and units (lengths are metres)"
             )
 
 
 def notes_about_sizes(sea: Sea, hulls: Iterable[tuple[str, Hull]]) -> Iterator[str]:
-    """What there is to say about hulls, by their names, that are of another size than the waves."""
+    """Notes about hulls (name, hull) that are much larger or smaller than the waves."""
     if not sea.waves:
         return
     lengths = [wave.wavelength for wave in sea.waves]
+    least, most = SMALLEST_WAVELENGTHS * min(lengths), LARGEST_WAVELENGTHS * max(lengths)
     for name, hull in hulls:
         size = hull.length
-        if size > LONGEST * max(lengths) or size < SHORTEST * min(lengths):
+        if not least <= size <= most:
             yield (
                 f"geom '{name}' is {size:.3g} m long and the waves {min(lengths):.3g} to "
-                f"{max(lengths):.3g} m: check the units (a mesh in millimetres takes "
+                f"{max(lengths):.3g} m: check the units (a mesh in millimetres needs "
                 'scale="0.001 0.001 0.001")'
             )
 
@@ -109,23 +105,23 @@ def _about_floors(
 ) -> Iterator[str]:
     """Static planes, boxes and height fields at the water's surface, which floats may stand on."""
     size = max(f.method.hull.length for f in floats)
-    band = sea.amplitude + NEAR * size
-    for geom in np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0):
-        top = _top(model, start, int(geom))
-        if top is None or not collides(model, int(geom)) or abs(top - sea.level) > band:
+    band = sea.amplitude + FLOOR_DISTANCE_SHARE * size
+    for geom in np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0).tolist():
+        top = _top(model, start, geom)
+        if top is None or not collides(model, geom) or abs(top - sea.level) > band:
             continue
-        over = [f for f in floats if _is_over(model, start, int(geom), f)]
+        over = [f for f in floats if _is_over(model, start, geom, f)]
         if over:
             kind = mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
             yield (
-                f"the {kind} '{geom_label(model, int(geom))}' at z = {top:.3g} is at the water's "
+                f"the {kind} '{geom_label(model, geom)}' at z = {top:.3g} is at the water's "
                 f"surface: '{over[0].name}' will stand on it rather than float; lower it, or let "
                 "it collide with nothing (contype and conaffinity 0)"
             )
 
 
 def _top(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float | None:
-    """Height [m] of the top of a level geom that can be a floor."""
+    """Height [m] of the top of a geom that can be a floor; None for other geoms."""
     kinds, up = mujoco.mjtGeom, data.geom_xmat[geom].reshape(3, 3)[2]
     height, kind = float(data.geom_xpos[geom, 2]), model.geom_type[geom]
     if kind == kinds.mjGEOM_PLANE:
@@ -138,7 +134,7 @@ def _top(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float | None:
 
 
 def _is_over(model: mujoco.MjModel, data: mujoco.MjData, geom: int, f: FloatingGeom) -> bool:
-    """Whether a hull, where it starts, is above or below a floor."""
+    """Whether a hull starts above or below a floor."""
     kinds, kind = mujoco.mjtGeom, model.geom_type[geom]
     half = model.geom_size[geom]
     if kind == kinds.mjGEOM_PLANE and not (half[:2] > 0.0).all():
@@ -146,5 +142,5 @@ def _is_over(model: mujoco.MjModel, data: mujoco.MjData, geom: int, f: FloatingG
     if kind == kinds.mjGEOM_HFIELD:
         half = model.hfield_size[model.geom_dataid[geom]]
     reach = half[:2] + 0.5 * np.linalg.norm(np.ptp(f.method.hull.bounds, axis=0))
-    away = data.geom_xmat[geom].reshape(3, 3).T @ (data.geom_xpos[f.geom] - data.geom_xpos[geom])
-    return bool((np.abs(away[:2]) < reach).all())
+    offset = data.geom_xmat[geom].reshape(3, 3).T @ (data.geom_xpos[f.geom] - data.geom_xpos[geom])
+    return bool((np.abs(offset[:2]) < reach).all())

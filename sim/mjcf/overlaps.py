@@ -1,4 +1,4 @@
-"""Overlaps: volume that several hulls share, and that must not count twice."""
+"""Overlaps: finds and unites hulls that share volume, which must not count twice."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,18 +18,18 @@ from sim.mjcf.geoms import frame_rotation
 Array = NDArray[np.float64]
 
 MOST_NAMED = 3
-"""Number of pairs of overlapping hulls that a note names."""
+"""Largest number of hulls, and of pairs of hulls, that a note names."""
 
 NOTED_SHARE = 1e-4
-"""Shared volume, as a share of the smaller hull's, above which a note says so."""
+"""Share of the smaller hull's volume: a note is given if two hulls share more than this."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A hull and what the model says about it.
+    """A hull and the fields that apply to it.
 
     geoms: the geoms that it is made from; the hull is in the frame of the first one. source: the
-    element that names the method. displaced: volume that it displaces, over its own.
+    element that names the method. displaced: volume that it displaces, over the hull's volume.
     """
 
     geoms: tuple[int, ...]
@@ -43,59 +43,58 @@ class Shape:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What hulls must have in common to be united."""
+        """A key that must be equal for hulls to be united."""
         return self.method, self.settings, self.drag.key, self.displaced
 
 
 def united_shapes(model: mujoco.MjModel, shapes: Sequence[Shape]) -> tuple[list[Shape], list[str]]:
-    """The shapes, after those that overlap on one body and have the same key are united; and the
-    notes about that."""
+    """Unite shapes that overlap on one body and have the same key. Returns the shapes and notes
+    about unions."""
     alike: dict[tuple[object, ...], list[Shape]] = {}
     for shape in shapes:
         body = int(model.geom_bodyid[shape.geoms[0]])
         alike.setdefault((body, *shape.key), []).append(shape)
-    found, notes = [], []
+    results, notes = [], []
     for members in alike.values():
         if len(members) == 1:
-            found += members
+            results += members
             continue
-        placed = [shape.hull.moved(*_on_body(model, shape.geoms[0])) for shape in members]
-        for group in overlapping(np.array([hull.bounds for hull in placed])):
+        hulls = [shape.hull.moved(*_on_body(model, shape.geoms[0])) for shape in members]
+        for group in overlapping(np.array([hull.bounds for hull in hulls])):
             names = [members[i].name for i in group]
             try:
-                one = united([placed[i] for i in group])
+                union = united([hulls[i] for i in group])
             except ValueError as error:
-                one = None
+                union = None
                 notes.append(
-                    f"{_many(names)} overlap and count shared volume twice; they cannot be united: "
-                    f"{error}"
+                    f"{_listed(names)} overlap and count shared volume twice; they cannot be "
+                    f"united: {error}"
                 )
-            if one is None:
-                found += [members[i] for i in group]
+            if union is None:
+                results += [members[i] for i in group]
                 continue
-            hull, twice = one
-            turn, place = _on_body(model, members[group[0]].geoms[0])
-            own = hull.moved(turn.T, -turn.T @ place)
+            hull, twice = union
+            first = members[group[0]]
+            rotation, position = _on_body(model, first.geoms[0])
+            hull_of_geom = hull.moved(rotation.T, -rotation.T @ position)
             geoms = tuple(g for i in group for g in members[i].geoms)
-            found.append(replace(members[group[0]], geoms=geoms, name=" + ".join(names), hull=own))
+            results.append(replace(first, geoms=geoms, name=" + ".join(names), hull=hull_of_geom))
             notes.append(
-                f"{_many(names)} overlap and are united: apart they "
-                f"would count {_share(twice, hull.volume)} of the volume twice "
-                "(numeric 'buoyancy_union' 0 keeps them apart)"
+                f"{_listed(names)} overlap and are united: separate hulls "
+                f"would count {_percentage(twice, hull.volume)} of the volume twice "
+                "(numeric 'buoyancy_union' 0 keeps them separate)"
             )
     order = {g: i for i, shape in enumerate(shapes) for g in shape.geoms}
-    return sorted(found, key=lambda shape: order[shape.geoms[0]]), notes
+    return sorted(results, key=lambda shape: order[shape.geoms[0]]), notes
 
 
 def notes_of_overlaps(start: mujoco.MjData, floats: Sequence[FloatingGeom]) -> list[str]:
     """A note about hulls that overlap at the start."""
-    if len(floats) < 2:
-        return []
     pairs = list(_overlaps(start, floats))
     if not pairs:
         return []
     named = [
-        f"{_many(names)} ({_share(shared, smaller)} of the smaller)"
+        f"{_listed(names)} ({_percentage(shared, smaller)} of the smaller)"
         for names, shared, smaller in pairs[:MOST_NAMED]
     ]
     more = f" and {len(pairs) - MOST_NAMED} more pairs" if len(pairs) > MOST_NAMED else ""
@@ -108,21 +107,21 @@ def notes_of_overlaps(start: mujoco.MjData, floats: Sequence[FloatingGeom]) -> l
 def _overlaps(
     start: mujoco.MjData, floats: Sequence[FloatingGeom]
 ) -> Iterator[tuple[list[str], float, float]]:
-    """Pairs of hulls that overlap at the start: names, shared volume [m^3], and the volume of the
-    smaller one."""
-    placed = [
+    """Pairs of hulls that overlap at the start: names, shared volume [m^3], and the volume [m^3] of
+    the smaller hull."""
+    hulls = [
         f.method.hull.moved(start.geom_xmat[f.geom].reshape(3, 3), start.geom_xpos[f.geom])
         for f in floats
     ]
-    for group in overlapping(np.array([hull.bounds for hull in placed])):
+    for group in overlapping(np.array([hull.bounds for hull in hulls])):
         for i, j in combinations(group, 2):
-            a, b = placed[i].bounds, placed[j].bounds
+            a, b = hulls[i].bounds, hulls[j].bounds
             if (a[0] < b[1]).all() and (b[0] < a[1]).all():
                 try:
-                    shared = shared_volume(placed[i], placed[j])
+                    shared = shared_volume(hulls[i], hulls[j])
                 except ValueError:
                     continue  # the shared volume is unknown
-                smaller = min(placed[i].volume, placed[j].volume)
+                smaller = min(hulls[i].volume, hulls[j].volume)
                 if shared > NOTED_SHARE * smaller:
                     yield [floats[i].name, floats[j].name], shared, smaller
 
@@ -132,13 +131,13 @@ def _on_body(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
     return frame_rotation(model.geom_quat[geom]), model.geom_pos[geom]
 
 
-def _many(names: Sequence[str]) -> str:
-    """Names as text; the first few, if there are many."""
+def _listed(names: Sequence[str]) -> str:
+    """Names as text, at most MOST_NAMED of them."""
     shown = [f"'{name}'" for name in names[:MOST_NAMED]]
     if len(names) > MOST_NAMED:
         return f"{', '.join(shown)} and {len(names) - MOST_NAMED} more"
     return f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
-def _share(part: float, whole: float) -> str:
-    return f"{100.0 * part / whole:.2g} %"
+def _percentage(volume: float, whole: float) -> str:
+    return f"{100.0 * volume / whole:.2g} %"

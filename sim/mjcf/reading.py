@@ -1,7 +1,7 @@
-"""Reading: from a compiled model to its sea and its floats, with everything that is wrong.
+"""Reading: makes the sea and the floats of a compiled model, and collects all faults.
 
-A scene is one MJCF file. What concerns the water stands in its `<custom>` element (see `fields`).
-Mass, inertia, joints, keyframes and the timestep are MuJoCo's.
+The custom elements of the model describe the water (see `fields`). Mass, inertia, joints, keyframes
+and the timestep are MuJoCo's.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -39,13 +39,12 @@ Numerics = dict[str, NDArray[np.float64]]
 
 DEFAULT_METHOD = "patches"
 
-
 Stamp = tuple[str, int, int] | None
 
 
 class Floating(NamedTuple):
-    """What a model says: the sea, the geoms that float in it, whether MuJoCo's pictures show the
-    water, the notes about hulls and waves, and the stamps of the files that were read, by name."""
+    """The content of a model: the sea, the floats, whether MuJoCo's pictures show the water, notes
+    about hulls and waves, and the stamps of the files that were read, by name."""
 
     sea: Sea
     floats: tuple[FloatingGeom, ...]
@@ -56,8 +55,8 @@ class Floating(NamedTuple):
 
 @dataclass(frozen=True)
 class Section:
-    """The model itself, or one that was attached to it: the prefix of its names, its fields, and
-    its geoms in the tuple."""
+    """The model itself or an attached model: the prefix of its names, its fields, and the geoms of
+    its tuple `buoyant`."""
 
     prefix: str
     numerics: Numerics
@@ -66,13 +65,13 @@ class Section:
 
 
 def stamp_of(name: str) -> Stamp:
-    """Identifies the content of a file: path, time of writing and size. None without a file."""
+    """Path, time of writing and size of a file, which identify its content; None without a file."""
     path = Path(name).absolute()
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    return str(path), found.st_mtime_ns, found.st_size
+    return str(path), status.st_mtime_ns, status.st_size
 
 
 def read_model(model: mujoco.MjModel) -> Floating:
@@ -94,8 +93,8 @@ def read_model(model: mujoco.MjModel) -> Floating:
     )
     shapes = [shape for section in sections for shape in _shapes(model, section, faults, notes)]
     if all(numbers_of("buoyancy_union", section.numerics)[0] for section in sections):
-        shapes, counted = united_shapes(model, shapes)
-        notes += counted
+        shapes, union_notes = united_shapes(model, shapes)
+        notes += union_notes
     floats = []
     if sea is not None:
         floats = list(_floats(model, sea, shapes, faults))
@@ -129,35 +128,31 @@ def _sections(model: mujoco.MjModel, faults: Faults) -> Iterator[Section]:
 def _shapes(
     model: mujoco.MjModel, section: Section, faults: Faults, notes: list[str]
 ) -> Iterator[Shape]:
-    """The hulls of a section's geoms, with what its fields say about them."""
-    names = [listed.names for listed in section.listed]
-    if names:
-        check_geoms("text", section.texts, names, faults)
-        check_geoms("numeric", section.numerics, names, faults)
-    made: dict[tuple[object, ...], Hull] = {}
-    for geom, own in section.listed:
+    """The hulls of a section's geoms, with the fields that apply to them."""
+    if section.listed:
+        all_names = [listed.names for listed in section.listed]
+        check_geoms("text", section.texts, all_names, faults)
+        check_geoms("numeric", section.numerics, all_names, faults)
+    hulls: dict[tuple[object, ...], Hull] = {}
+    for geom, names in section.listed:
         with faults.collected():
-            like = int(model.geom_type[geom]), int(model.geom_dataid[geom]), *model.geom_size[geom]
-            if like not in made:
-                made[like], found = geom_hull(model, geom)
-                notes += found
-            hull = made[like]
-            source, text = _method_of(own, section.texts)
-            drag = DragFields.of(own, section.numerics)
+            key = int(model.geom_type[geom]), int(model.geom_dataid[geom]), *model.geom_size[geom]
+            if key not in hulls:
+                hulls[key], hull_notes = geom_hull(model, geom)
+                notes += hull_notes
             yield Shape(
                 (geom,),
-                own[0],
-                hull,
-                source,
-                text,
-                _settings_of(own, section.numerics),
-                drag,
-                *numbers_of("displaced", section.numerics, own),
+                names[0],
+                hulls[key],
+                *_method_of(names, section.texts),
+                _settings_of(names, section.numerics),
+                DragFields.of(names, section.numerics),
+                *numbers_of("displaced", section.numerics, names),
             )
 
 
 def _method_of(names: Sequence[str], texts: Mapping[str, str]) -> tuple[str, str]:
-    """The element that names a geom's method, and the method's name."""
+    """The element that names a geom's method, and the name of the method."""
     name = of_geom(METHOD, names, texts)
     if name in texts:
         return f"custom text '{name}'", texts[name]
@@ -175,14 +170,11 @@ def _settings_of(names: Sequence[str], numerics: Numerics) -> Settings:
 
 
 def _floats(
-    model: mujoco.MjModel,
-    sea: Sea,
-    shapes: Sequence[Shape],
-    faults: Faults,
+    model: mujoco.MjModel, sea: Sea, shapes: Sequence[Shape], faults: Faults
 ) -> Iterator[FloatingGeom]:
     """The shapes with their methods and drag. Equal hulls share one method, because methods have no
     state."""
-    known: dict[tuple[object, ...], Method] = {}
+    methods: dict[tuple[object, ...], Method] = {}
     seas = {1.0: sea}
     for shape in shapes:  # denser water has the effect of a larger volume
         if shape.displaced not in seas:
@@ -190,19 +182,14 @@ def _floats(
     for shape, afloat in zip(shapes, _shares_afloat(model, shapes, sea), strict=True):
         with faults.collected():
             hull, geom = shape.hull, shape.geoms[0]
-            same = (
-                shape.method,
-                shape.settings,
-                shape.displaced,
-                hull.vertices.tobytes(),
-                hull.faces.tobytes(),
-            )
-            if same not in known:
-                known[same] = _made(shape, seas[shape.displaced])
+            surface = hull.vertices.tobytes(), hull.faces.tobytes()
+            key = shape.method, shape.settings, shape.displaced, *surface
+            if key not in methods:
+                methods[key] = _made(shape, seas[shape.displaced])
             drag = shape.drag.made(model, geom, hull, sea, afloat)
             body = int(model.geom_bodyid[geom])
             united = shape.geoms if len(shape.geoms) > 1 else ()
-            yield FloatingGeom(shape.name, geom, body, known[same], drag, shape.displaced, united)
+            yield FloatingGeom(shape.name, geom, body, methods[key], drag, shape.displaced, united)
 
 
 def _made(shape: Shape, sea: Sea) -> Method:

@@ -1,4 +1,4 @@
-"""Sea fields: from a model's custom fields to the sea that they describe, and back."""
+"""Sea fields: makes a sea from a model's custom fields, and the fields from a sea."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,10 +24,10 @@ SPECTRA = {
     "sea_pierson_moskowitz": pierson_moskowitz,
     "sea_ochi_hubble": ochi_hubble,
 }
-"""The spectrum of each irregular sea. The last WAVE_NUMBERS numbers of the field say how it is cut
-into waves; the others are arguments of the spectrum."""
+"""The spectrum of each irregular sea. The last DIVISION_NUMBERS numbers of the field say how it is
+divided into waves; the others are arguments of the spectrum."""
 
-WAVE_NUMBERS = 4
+DIVISION_NUMBERS = 4
 
 
 def sea_of(
@@ -35,24 +35,22 @@ def sea_of(
     sections: Sequence[tuple[str, Numerics, Texts]],
     faults: Faults,
 ) -> Sea | None:
-    """The one sea of all sections of a model that say anything about the water. sections: prefix,
+    """The common sea of all sections of a model with fields of the water. sections: prefix,
     numerics and texts of each. None if there is a fault."""
-    found: dict[str, Sea] = {}
+    seas: list[tuple[str, Sea]] = []
     for prefix, numerics, texts in sections:
-        says = any(name.startswith(WATER_PREFIXES) for name in (*numerics, *texts))
-        if says or len(sections) == 1:
+        has_water = any(name.startswith(WATER_PREFIXES) for name in (*numerics, *texts))
+        if has_water or len(sections) == 1:
             with faults.collected():
-                found[prefix] = _read_sea(model, numerics, texts, faults)
-    if not found and not faults.found:
+                seas.append((prefix, _read_sea(model, numerics, texts, faults)))
+    if not seas and not faults.found:
         return _read_sea(model, {}, {}, faults)
-    seas = list(found.items())
     for prefix, sea in seas[1:]:
         if sea != seas[0][1]:
             with faults.collected():
                 raise ValueError(
-                    f"two different seas: of {_owner(seas[0][0])} and of "
-                    f"{_owner(prefix)}; give both the same custom water, wave and sea elements, "
-                    "or remove them from one"
+                    f"two different seas: of {_owner(seas[0][0])} and of {_owner(prefix)}; give "
+                    "both the same custom water, wave and sea elements, or remove them from one"
                 )
     return seas[0][1] if seas else None
 
@@ -61,13 +59,8 @@ def _owner(prefix: str) -> str:
     return f"the model attached as '{prefix}'" if prefix else "the model itself"
 
 
-def _read_sea(
-    model: mujoco.MjModel,
-    numerics: Numerics,
-    texts: Texts,
-    faults: Faults,
-) -> Sea:
-    gravity = abs(float(model.opt.gravity[2])) or 9.81  # other gravity is a fault
+def _read_sea(model: mujoco.MjModel, numerics: Numerics, texts: Texts, faults: Faults) -> Sea:
+    gravity = abs(float(model.opt.gravity[2])) or 9.81  # no gravity is a fault already
     waves: list[Wave] = []
     for name, values in numerics.items():
         with faults.collected():
@@ -91,39 +84,38 @@ def _read_sea(
 
 def _irregular(name: str, numbers: list[float], gravity: float) -> tuple[Wave, ...]:
     """The waves of an irregular sea."""
-    own, cut = numbers[:-WAVE_NUMBERS], numbers[-WAVE_NUMBERS:]
+    arguments, division = numbers[:-DIVISION_NUMBERS], numbers[-DIVISION_NUMBERS:]
     if name == "sea_pierson_moskowitz":  # its period follows from gravity
-        own = [*own, gravity]
-    return SPECTRA[name](*own).waves(*cut, gravity)
+        arguments = [*arguments, gravity]
+    return SPECTRA[name](*arguments).waves(*division, gravity)
 
 
 def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
     """The waves in the files that texts name."""
     waves: list[Wave] = []
-    name = ""
-    try:
-        for name in (COMPONENTS, RECORD):
-            if name in texts and not Path(texts[name]).is_file():
+    for name in (name for name in (COMPONENTS, RECORD) if name in texts):
+        path = Path(texts[name])
+        try:
+            if not path.is_file():
                 raise ValueError(
-                    f"there is no file {Path(texts[name]).absolute()}; Scene.load looks beside the "
-                    "MJCF file, MuJoCo's compiler in the current folder: give a whole path"
+                    f"there is no file {path.absolute()}; Scene.load searches beside the MJCF "
+                    "file, MuJoCo's compiler in the current folder: give a full path"
                 )
-            if name == COMPONENTS and name in texts:
-                waves += read_components(Path(texts[name]), gravity)
-            elif name in texts:
+            if name == COMPONENTS:
+                waves += read_components(path, gravity)
+            else:
                 numbers = _in_radians(RECORD, numerics.get(RECORD, ()))
-                heading, shortest, longest, *place = numbers
-                path = Path(texts[name])
-                waves += read_record(path, gravity, heading, (shortest, longest), tuple(place))
-    except (ValueError, OSError) as error:
-        raise ValueError(f"custom text '{name}': {error}") from None
+                heading, shortest, longest, *position = numbers
+                waves += read_record(path, gravity, heading, (shortest, longest), tuple(position))
+        except (ValueError, OSError) as error:
+            raise ValueError(f"custom text '{name}': {error}") from None
     if RECORD in numerics and RECORD not in texts:
-        raise ValueError(f"custom numeric '{RECORD}' goes with a text of that name; add it")
+        raise ValueError(f"custom numeric '{RECORD}' needs a text of the same name; add it")
     return waves
 
 
 def _in_radians(name: str, values: Sequence[float]) -> list[float]:
-    """All numbers of a numeric, with angles in radians instead of degrees."""
+    """All numbers of a numeric, with angles in radians."""
     field = NUMERICS[numeric_base(name)]
     return [
         float(np.radians(value)) if number.unit == "deg" else value
@@ -132,8 +124,7 @@ def _in_radians(name: str, values: Sequence[float]) -> list[float]:
 
 
 def fields_of(sea: Sea) -> dict[str, Sequence[float] | str]:
-    """The fields, by name, that describe a sea: a model with them has the same sea, to the
-    round-off of angles in degrees."""
+    """The fields, by name, that describe a sea, to the round-off of angles in degrees."""
     degrees = [(np.degrees(wave.heading), np.degrees(wave.phase)) for wave in sea.waves]
     return {
         "water_density": [sea.density],

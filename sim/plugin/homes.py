@@ -1,9 +1,9 @@
-"""Homes: what the plugin keeps for each MjData, and how a call finds it.
+"""Homes: the plugin's record for each MjData, and its lookup.
 
 MuJoCo keeps one word for the plugin in each MjData, `plugin_data`. A pickle of an MjData carries
-that word into another MjData, or another process. So the word is not an address but a number, which
-finds a home in slabs that are never freed. A home knows the MjData that it belongs to, so a number
-that a pickle has brought along is detected and corrected.
+that word into another MjData or another process. So the word is not an address but a number of a
+home, whose address is in slabs that are never freed. A home contains the address of its MjData, so
+a number from a pickle is detected and corrected.
 """
 
 import ctypes
@@ -31,7 +31,9 @@ class Homes:
         states: the address of the plugin's states in that MjData. content: the number of the
         model's content. memories: the number of bodies that can move.
         """
-        self._end_lost(data)
+        lost = self.home(data)  # of an earlier MjData here, whose word a pickle overwrote
+        if lost:
+            native.end_at.call(lost, self._word_address(self._numbers[data]))
         if not self._free:
             self._make_room()
         number = self._free.pop()
@@ -45,39 +47,30 @@ class Homes:
         ):  # fmt: skip
             WORD.from_address(home + 8 * field).value = value
         context.join(home, content)
-        slab, place = divmod(number - 1, native.SLAB)
-        self._slabs[slab][place] = home
+        WORD.from_address(self._word_address(number)).value = home
         self._numbers[data], self._datas[states] = number, data
         return number
 
-    def home(self, data: int, number: int) -> int:
-        """The address of the home with a number; 0 unless it belongs to the MjData at `data`."""
-        slab, place = divmod(number - 1, native.SLAB)
-        home = int(self._slabs[slab][place]) if 0 <= slab < len(self._slabs) else 0
+    def home(self, data: int) -> int:
+        """The address of the home of the MjData at an address; 0 without a home."""
+        number = self._numbers.get(data)
+        home = word_at(self._word_address(number)) if number else 0
         return home if home and word_at(home + 8 * native.DATA) == data else 0
 
-    def recover(self, data: int) -> int:
+    def number(self, data: int) -> int:
         """The number of the home of the MjData at an address; 0 without a home."""
-        number = self._numbers.get(data, 0)
-        return number if self.home(data, number) else 0
+        return self._numbers[data] if self.home(data) else 0
 
     def data_of(self, states: int) -> int:
         """The MjData whose plugin has its states at an address; 0 if there is none."""
         return self._datas.get(states, 0)
 
-    def _end_lost(self, data: int) -> None:
-        """End the home that an earlier MjData at the same address has left, because a pickle
-        overwrote its word."""
-        home = self.home(data, self._numbers.get(data, 0))
-        if home:
-            native.end_at.call(home, self._place(self._numbers[data]))
-
-    def _place(self, number: int) -> int:
-        slab, place = divmod(number - 1, native.SLAB)
-        return self._slabs[slab].ctypes.data + 8 * place
+    def _word_address(self, number: int) -> int:
+        slab, index = divmod(number - 1, native.SLAB)
+        return self._slabs[slab].ctypes.data + 8 * index
 
     def _make_room(self) -> None:
-        """Collect the numbers of homes that have ended, and add a slab if they are few."""
+        """Collect the numbers of ended homes, and add a slab if they are few."""
         for i, slab in enumerate(self._slabs):
             self._free += (i * native.SLAB + 1 + np.flatnonzero(slab == 0)).tolist()
         if len(self._free) < native.SLAB // 2:
@@ -87,6 +80,5 @@ class Homes:
             self._slabs.append(np.zeros(native.SLAB, dtype=np.int64))
             self.directory[len(self._slabs) - 1] = self._slabs[-1].ctypes.data
             self._free += range(first, first + native.SLAB)
-        alive = {d: n for d, n in self._numbers.items() if self.home(d, n)}
-        self._numbers = alive
-        self._datas = {s: d for s, d in self._datas.items() if d in alive}
+        self._numbers = {data: n for data, n in self._numbers.items() if self.home(data)}
+        self._datas = {s: data for s, data in self._datas.items() if data in self._numbers}

@@ -1,4 +1,4 @@
-"""Memory: MuJoCo's library, and numbers at addresses that it hands over."""
+"""Memory: MuJoCo's library, and numbers at addresses that it gives."""
 
 import ctypes
 from functools import cache
@@ -20,8 +20,8 @@ def mujoco_library() -> ctypes.CDLL:
 
 def function_address(library: ctypes.CDLL, name: str) -> int:
     """The address of a library's function; 0 if the library has none of that name."""
-    found = getattr(library, name, None)
-    return callback_address(found) if found else 0
+    function = getattr(library, name, None)
+    return callback_address(function) if function else 0
 
 
 def callback_address(function: Any) -> int:

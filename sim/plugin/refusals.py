@@ -1,7 +1,7 @@
-"""Refusals: how a model that cannot float is refused through MuJoCo, and what each thread is doing.
+"""Refusals: refuses a model through MuJoCo, and keeps the state of each thread.
 
-MuJoCo's own error has little room for text and knows no Python exceptions. What it has no room for
-is printed, or raised by `refusals_raised`.
+MuJoCo's error is a short text and not a Python exception. The faults that do not fit are printed,
+or raised by `refusals_raised`.
 """
 
 import sys
@@ -13,16 +13,15 @@ from threading import local
 from sim.mjcf.faults import ModelError, Note
 from sim.plugin.memory import mujoco_library
 
-ROOM = 400
-"""Characters of faults for which MuJoCo's error has room."""
+LARGEST_LENGTH = 400
+"""Largest number of characters of faults in MuJoCo's error."""
 
 
 class _ThreadState(local):
-    """What a thread is doing.
+    """The state of a thread.
 
-    is_reading: it reads a model, and the states that it makes for that need no water.
-    is_compiling: the next state belongs to a model that is being compiled.
-    refusal: why the last model of this thread was refused.
+    is_reading: it reads a model and makes states without water. is_compiling: the next state
+    belongs to a model that is being compiled. refusal: the error of the last refused model.
     takes_refusal: a block of `refusals_raised` will raise it.
     """
 
@@ -37,7 +36,7 @@ thread = _ThreadState()
 
 @contextmanager
 def refusals_raised() -> Iterator[None]:
-    """Raise what the plugin refuses in this block as it is, instead of as MuJoCo's error."""
+    """A block that raises the plugin's own error for a refused model instead of MuJoCo's."""
     before = thread.takes_refusal
     thread.takes_refusal, thread.refusal = True, None
     try:
@@ -59,15 +58,16 @@ def reading() -> Iterator[None]:
 
 
 def refused(error: Exception) -> int:
-    """Tell MuJoCo why a model is refused. Returns what a plugin's `init` must return."""
+    """Give MuJoCo the reason why a model is refused. Returns -1, the result of `init`."""
     if not isinstance(error, ValueError | Note):  # an error in Waterline
         traceback.print_exception(error)
         error = RuntimeError(f"{type(error).__name__}: {error}")
     thread.refusal = error
     faults = list(error.faults) if isinstance(error, ModelError) else [str(error)]
-    shown = [fault for i, fault in enumerate(faults) if len("".join(faults[: i + 1])) < ROOM]
+    fits = [len("".join(faults[: i + 1])) < LARGEST_LENGTH for i in range(len(faults))]
+    shown = faults[: sum(fits)]
     if not shown:
-        shown = [faults[0][:ROOM] + " ..."]
+        shown = [faults[0][:LARGEST_LENGTH] + " ..."]
     if len(shown) < len(faults):
         shown.append(f"and {len(faults) - len(shown)} more: see above")
         if not thread.takes_refusal:

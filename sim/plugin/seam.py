@@ -1,8 +1,8 @@
 """Seam: Waterline as an engine plugin of MuJoCo.
 
 MuJoCo calls a plugin's functions for each model that names it. It calls `init` for the compiler's
-own test step, for each MjData, and for each copy of one. `init` reads the model, refuses it with
-all its faults, and gives the MjData a *home* (`native.HOME`). Everything in a step is compiled code
+test step, for each MjData, and for each copy of an MjData. `init` reads the model, refuses it with
+all its faults, and gives the MjData a *home* (`native.HOME`). A step runs only compiled code
 (`native`). Python runs only when a model is compiled, when a state is made, and when the state of a
 changed model is reset.
 """
@@ -26,7 +26,7 @@ from sim.kernels import CFunction, when_compiling
 from sim.mjcf.checks import check_physics
 from sim.mjcf.faults import Faults, ModelError, say
 from sim.mjcf.floats import first_state
-from sim.mjcf.notes import notes_about, notes_about_places
+from sim.mjcf.notes import notes_about, notes_about_positions
 from sim.mjcf.reading import read_model
 from sim.plugin import native
 from sim.plugin.context import Context, Contexts
@@ -91,7 +91,7 @@ class Plugin(ctypes.Structure):
 contexts, homes = Contexts(), Homes()
 
 
-# What the package asks about a model or a state
+# Queries of a model or a state
 
 
 def has_water(model: mujoco.MjModel) -> bool:
@@ -106,19 +106,18 @@ def context_of(model: mujoco.MjModel) -> Context:
 
 
 def counted(data: mujoco.MjData, number: int) -> int:
-    """A number of `native.HOME` of a state; 0 for a state without a home."""
-    home = homes.home(data._address, homes.recover(data._address))
+    """The word with a number in a state's `native.HOME`; 0 for a state without a home."""
+    home = homes.home(data._address)
     return word_at(home + 8 * number) if home else 0
 
 
 def memories_of(model: mujoco.MjModel, data: mujoco.MjData) -> list[Array]:
-    """Memory rows (N, 12) of all bodies that can move, as a state remembers them, the ones that
-    count most first."""
+    """Arrays of memory rows (N, 12) of all bodies that can move, in order of precedence."""
     instance = model.plugin.tolist().index(_slot(NAME))
     start = int(model.plugin_stateadr[instance])
     states = data.plugin_state[start : start + int(model.plugin_statenum[instance]) - 1]
     states = np.reshape(states, (-1, native.MEMORY_SIZE))
-    home = homes.home(data._address, homes.recover(data._address))
+    home = homes.home(data._address)
     if not home:
         return [states]
     kept = floats_at(home + native.HOME_SIZE, (len(states), native.HOME_ROW_SIZE)).copy()
@@ -131,7 +130,7 @@ def memories_of(model: mujoco.MjModel, data: mujoco.MjData) -> list[Array]:
 
 def _found(model: int, like: mujoco.MjModel | None = None) -> tuple[Context, int]:
     """The context of the model at an address, and the number of its content. like: a model of the
-    same structure, in case the one at the address cannot be copied. Raises ModelError."""
+    same structure, if the model at the address cannot be copied. Raises ModelError."""
 
     def make() -> Context:
         own = _copy_of(model) if like is None else copy.copy(like)
@@ -148,7 +147,7 @@ def _found(model: int, like: mujoco.MjModel | None = None) -> tuple[Context, int
 
 
 def _apart(task: Callable[[], Result]) -> Result:
-    """Run a task in a thread of its own. A task that calls MuJoCo while MuJoCo waits for us must
+    """Run a task in another thread. A task that calls MuJoCo while MuJoCo waits for this one must
     not run in the waiting thread, because each call changes where errors of its thread go."""
     future: Future[Result] = Future()
 
@@ -165,14 +164,14 @@ def _apart(task: Callable[[], Result]) -> Result:
 
 def _copy_of(model: int) -> mujoco.MjModel:
     """A copy of the model at an address."""
-    copied = mujoco_library().mj_copyModel
-    copied.restype = ADDRESS
-    return mujoco.MjModel._from_model_ptr(copied(None, ADDRESS(model)))  # which frees it
+    copy_model = mujoco_library().mj_copyModel
+    copy_model.restype = ADDRESS
+    return mujoco.MjModel._from_model_ptr(copy_model(None, ADDRESS(model)))  # the MjModel owns it
 
 
 def _look_at(model: int, context: Context) -> None:
-    """Check what belongs to one model and not to its context, and warn of what its author probably
-    did not intend. Raises ModelError."""
+    """Check the properties of a model that are not in its context, and warn of likely mistakes.
+    Raises ModelError."""
 
     def look() -> list[str]:
         own, faults = _copy_of(model), Faults()
@@ -181,15 +180,15 @@ def _look_at(model: int, context: Context) -> None:
             start = first_state(own)
         faults.refuse()
         sea, floats = context.sea, context.floats
-        return [*notes_about(own, sea, floats), *notes_about_places(own, start, sea, floats)]
+        return [*notes_about(own, sea, floats), *notes_about_positions(own, start, sea, floats)]
 
     say([*context.notes, *_apart(look)])
 
 
 @contextmanager
 def _notice_of_compiling() -> Iterator[None]:
-    """Print a notice if kernels are compiled for long, once in a process."""
-    timer = Timer(NOTICE_SECONDS, _tell)
+    """Print a notice if compiling kernels takes long, once in a process."""
+    timer = Timer(NOTICE_SECONDS, _print_notice)
     timer.daemon = True
     try:
         with when_compiling(timer.start):
@@ -199,7 +198,7 @@ def _notice_of_compiling() -> Iterator[None]:
 
 
 @cache
-def _tell() -> None:
+def _print_notice() -> None:
     text = "waterline: compiling its kernels, which takes a minute or two, once on this machine"
     print(text, file=sys.stderr, flush=True)
 
@@ -209,16 +208,16 @@ def _tell() -> None:
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, INTEGER)
 def _nstate(model: int, instance: int) -> int:
-    """The length of the plugin's state: a memory row for each body that can move, and the content.
-    MuJoCo asks before it has filled the tuples, so nobody knows yet which bodies float."""
+    """The length of the plugin's state: a memory row for each body that can move, and the content
+    number. MuJoCo has not filled the tuples yet, so the floating bodies are unknown."""
     thread.is_compiling = True
     return native.MEMORY_SIZE * _movable_bodies(model) + 1 if _acts(model, instance) else 0
 
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, WORD, INTEGER)
 def _init(model: int, data: int, instance: int) -> int:
-    """Give a new MjData its home, and put the home's number into the plugin's word (0 without a
-    home). Or refuse the model."""
+    """Make the home of a new MjData, and put the home's number into the plugin's word (0 without a
+    home); or refuse the model."""
     is_compiling, thread.is_compiling = thread.is_compiling, False
     word = _plugin_word(data, instance)
     word.value = 0
@@ -234,7 +233,7 @@ def _init(model: int, data: int, instance: int) -> int:
             states = word_at(data + declared("plugin_state"))
             states += 8 * integers_at(starts, instance + 1)[instance]
             word.value = homes.add(data, states, context, content, _movable_bodies(model))
-    except KeyboardInterrupt as interrupt:  # cannot pass through MuJoCo, so it is raised behind it
+    except KeyboardInterrupt as interrupt:  # cannot pass through MuJoCo: see `refusals_raised`
         refused(ModelError(["interrupted"]))
         thread.refusal = interrupt
         return -1
@@ -247,22 +246,21 @@ def _init(model: int, data: int, instance: int) -> int:
 def _find(model: int, data: int, instance: int) -> None:
     """Correct the word of an MjData that a pickle has overwritten."""
     with contexts.lock:
-        _plugin_word(data, instance).value = homes.recover(data)
+        _plugin_word(data, instance).value = homes.number(data)
 
 
 @ctypes.CFUNCTYPE(None, WORD, WORD)
 def _renew(model: int, states: int) -> None:
-    """Give an MjData that is being reset the context of its model as it is now. states: the address
-    of the plugin's states in it. If the model is refused, steps give NaN until the model is
-    corrected and the state is reset."""
+    """Give an MjData that is being reset the context of its model in its present form. states: the
+    address of the plugin's states in the MjData. If the model is refused, steps give NaN until the
+    model is corrected and the state is reset."""
     with contexts.lock:
         data = homes.data_of(states)
-        number = homes.recover(data)
-        if number == 0:
+        home = homes.home(data)
+        if not home:
             return
-        home = homes.home(data, number)
         slots = _integers_of(model, "plugin", "nplugin")
-        _plugin_word(data, slots.index(_slot(NAME))).value = number
+        _plugin_word(data, slots.index(_slot(NAME))).value = homes.number(data)
         try:
             before = contexts.at(word_at(home + 8 * native.CONTEXT_OF))
             context, content = _found(model, like=before.model)
@@ -310,11 +308,11 @@ def _draw(model: int, data: int, option: int, scene: int, instance: int) -> None
 
 @ctypes.CFUNCTYPE(None)
 def _nothing() -> None:
-    """Stands for functions that MuJoCo requires before the kernels are known."""
+    """A placeholder for functions that MuJoCo requires before the kernels are compiled."""
 
 
 def _plugin_word(data: int, instance: int) -> ctypes.c_int64:
-    """The word that MuJoCo keeps for an instance in an MjData."""
+    """The word of an instance in an MjData."""
     return WORD.from_address(word_at(data + declared("plugin_data")) + 8 * instance)
 
 
@@ -331,15 +329,15 @@ def _movable_bodies(model: int) -> int:
 
 
 def _integers_of(model: int, name: str, size: str) -> list[int]:
-    """An array of ints of a model, whose size is another field."""
+    """The integers in a field of the model at an address; the field `size` has their number."""
     return integers_at(word_at(model + declared(name)), integers_at(model + declared(size), 1)[0])
 
 
 def _plugin(name: str) -> Plugin:
-    """A plugin as MuJoCo has it."""
-    known = mujoco_library().mjp_getPluginAtSlot
-    known.restype = ctypes.POINTER(Plugin)
-    return known(_slot(name)).contents
+    """A plugin in MuJoCo's table."""
+    plugin_at = mujoco_library().mjp_getPluginAtSlot
+    plugin_at.restype = ctypes.POINTER(Plugin)
+    return plugin_at(_slot(name)).contents
 
 
 def _slot(name: str) -> int:
@@ -353,8 +351,8 @@ def _slot(name: str) -> int:
 
 
 def register() -> None:
-    """Register the plugins with MuJoCo. Kernels join when the first model needs them, so importing
-    the package compiles nothing."""
+    """Register the plugins with MuJoCo. Importing the package compiles nothing: kernels are put
+    into MuJoCo's table when the first model needs them."""
     water = Plugin(name=NAME.encode(), capabilities=PASSIVE)
     water.nstate, water.init = callback_address(_nstate), callback_address(_init)
     sensor = Plugin(name=GAUGE.encode(), capabilities=SENSOR, stage=POSITION_STAGE)
@@ -389,10 +387,10 @@ def _join_kernels() -> None:
 
 @atexit.register
 def _keep_kernels() -> None:
-    """Keep what states call beyond the end of the interpreter, because states may outlive it."""
-    functions = [each for each in vars(native).values() if isinstance(each, CFunction)]
-    for each in (*functions, draw_at, gauge_at, native.SEAM, homes, *contexts):
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(each))
+    """Keep the functions and tables that states use, because states may outlive the interpreter."""
+    functions = [value for value in vars(native).values() if isinstance(value, CFunction)]
+    for value in (*functions, draw_at, gauge_at, native.SEAM, homes, *contexts):
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(value))
 
 
 register()

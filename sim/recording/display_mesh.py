@@ -1,7 +1,7 @@
-"""Display mesh: the surfaces of a scene's hulls as they are drawn.
+"""Display mesh: the drawn surfaces of a scene's hulls.
 
-Long edges are halved so that a waterline can bend between them, sharp edges get normals of
-their own, and all hulls lie in one set of arrays, so that a hundred of them cost few calls.
+Long edges are halved so that a waterline can bend between them. Sharp edges get separate normals.
+All hulls are in one set of arrays, so that a hundred hulls need few calls.
 """
 
 import colorsys
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry import area_vectors, rotation_matrix
+from sim.geometry import area_vectors, rotation_matrix, turned
 from sim.hulls.topology import edges_of
 from sim.mjcf.floats import FloatingGeom
 from sim.recording.waterline_curves import faces_across
@@ -21,29 +21,27 @@ from sim.scenes.buoyancy import Buoyancy
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-EDGES_IN_A_HULL = 12
-"""Edges along a drawn hull's longest side, at least: so finely its waterline bends."""
+EDGES_PER_LENGTH = 12
+"""Smallest number of edges along a drawn hull's longest side. More edges make a smoother
+waterline."""
 
-SHARP_EDGE = float(np.cos(np.radians(30.0)))
-"""Cosine of the angle between a face's normal and the mean one at its corner beyond which the
-corner is drawn sharp. A box has 45 degrees at its edges and 35 or more at its corners."""
+SHARP_COSINE = float(np.cos(np.radians(30.0)))
+"""Cosine of the largest angle between a face's normal and the mean normal at a smooth corner. A box
+has 45 degrees at its edges and 35 or more at its corners."""
 
-
-VIVID = 0.55, 0.75
-"""Saturation and value that a colour of another hue has at least: greys differ in hue too then."""
+LEAST_SATURATION, LEAST_VALUE = 0.55, 0.75
+"""Saturation and value of colours whose hue is shifted, so that greys get a hue too."""
 
 
 @dataclass(frozen=True, eq=False)
 class DisplayMesh:
-    """A hull's drawn surface.
+    """The drawn surface of a hull.
 
-    name, geom, body: of its geom, the ids of that and its body; rgba: (4,) in 0 ... 255; size [m]:
-    diagonal of the hull's box; edge [m]: no drawn edge is longer; vertices: where its own are
-    among those of all of them.
-
-    What is drawn: corners (N, 3) [m] in the geom's frame, corner_normals (N, 3),
-    corner_faces (F, 3), and corner_vertices (N,), the vertex at each corner, counted from 0 in
-    this hull. Vertices on sharp edges have several corners.
+    name: of its geom. geom, body: ids. rgba: (4,), 0 to 255. size [m]: diagonal of the hull's box.
+    edge [m]: the longest drawn edge. vertices: their slice of the vertices of all hulls. corners:
+    (N, 3) [m], in the geom's frame. corner_normals: (N, 3). corner_faces: (F, 3). corner_vertices:
+    (N,), the vertex at each corner, counted from 0 in this hull. A vertex on a sharp edge has
+    several corners.
     """
 
     name: str
@@ -62,8 +60,8 @@ class DisplayMesh:
 class DisplayMeshes:
     """The drawn surfaces of all hulls of a scene, in the order of `buoyancy.floats`.
 
-    faces: (F, 3) of all of them, indices into the (V, 3) vertices that `placed` gives; across:
-    (F, 3), the neighbours across their edges; hue: by which their colours are off, in turns.
+    hue: shift of the colours, in turns of the colour circle. faces: (F, 3), indices into the
+    vertices (V, 3) of `placed`. across: (F, 3), the neighbours across their edges.
     """
 
     def __init__(self, buoyancy: Buoyancy, hue: float = 0.0) -> None:
@@ -93,7 +91,7 @@ class DisplayMeshes:
         return [largest[body] for body in sorted(largest)]
 
     def placed(self, sample: Sample) -> Array:
-        """Vertices (V, 3) [m] of all of them in world axes."""
+        """Vertices (V, 3) [m] of all hulls in world axes."""
         rotations = rotation_matrix(sample.quaternions)
         points = np.empty((self.vertex_count, 3))
         for mesh, vertices, b in zip(self._meshes, self._in_body, self._bodies, strict=True):
@@ -106,14 +104,14 @@ def _display_mesh(
 ) -> tuple[DisplayMesh, Array, Indices]:
     """The drawn surface of a hull whose vertices begin at `first`, and its refined surface."""
     hull = geom.method.hull
-    edge = hull.length / EDGES_IN_A_HULL
+    edge = hull.length / EDGES_PER_LENGTH
     vertices, faces = refined(hull.vertices, hull.faces, edge)
     corner_vertices, corner_faces, normals = shaded_corners(vertices, faces)
     mesh = DisplayMesh(
         name=geom.name,
         geom=geom.geom,
         body=geom.body,
-        rgba=255.0 * with_hue_turned(buoyancy.model.geom(geom.geom).rgba, hue),
+        rgba=255.0 * with_hue_shifted(buoyancy.model.geom(geom.geom).rgba, hue),
         size=float(np.linalg.norm(np.ptp(hull.bounds, axis=0))),
         edge=edge,
         vertices=slice(first, first + len(vertices)),
@@ -125,53 +123,53 @@ def _display_mesh(
     return mesh, vertices, faces
 
 
-def with_hue_turned(rgba: Array, turns: float) -> Array:
-    """A colour (4,) in 0 ... 1 so many turns further along the circle of hues; itself for none."""
+def with_hue_shifted(rgba: Array, turns: float) -> Array:
+    """A colour (4,), 0 to 1, with its hue shifted by turns of the colour circle; itself for 0."""
     if turns == 0.0:
         return rgba
     hue, saturation, value = colorsys.rgb_to_hsv(*rgba[:3].tolist())
-    saturation, value = max(saturation, VIVID[0]), max(value, VIVID[1])
+    saturation, value = max(saturation, LEAST_SATURATION), max(value, LEAST_VALUE)
     return np.array([*colorsys.hsv_to_rgb(hue + turns, saturation, value), rgba[3]])
 
 
 def shaded_corners(vertices: Array, faces: Indices) -> tuple[Indices, Indices, Array]:
-    """Corners of a surface for drawing: the vertex of each (N,), faces (F, 3) of corners and
-    outward unit normals (N, 3).
+    """Corners of a surface for drawing: their vertices (N,), faces (F, 3) of corners, and outward
+    unit normals (N, 3).
 
-    A vertex has one corner, with the mean normal of its faces by their area; but one for each of
-    its faces, with that face's own, if any of them is too steep to the mean (SHARP_EDGE).
+    A vertex has one corner with the mean normal of its faces, weighted by area. If the normal of a
+    face is too far from the mean (SHARP_COSINE), the vertex has a corner for each of its faces.
     """
     flat, smooth = area_vectors(vertices[faces]), np.zeros_like(vertices)
     for corner in range(3):
         np.add.at(smooth, faces[:, corner], flat)
     smooth, flat = _unit(smooth)[faces], np.repeat(_unit(flat)[:, None], 3, axis=1)
-    too_steep = faces[np.einsum("fci,fci->fc", smooth, flat) < SHARP_EDGE]
-    is_sharp = np.isin(faces, too_steep)
+    sharp_vertices = faces[np.einsum("fci,fci->fc", smooth, flat) < SHARP_COSINE]
+    is_sharp = np.isin(faces, sharp_vertices)
     owner = np.where(is_sharp, np.arange(len(faces))[:, None], -1)
     keys = np.column_stack([faces.ravel(), owner.ravel()])
-    corners, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    corners, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     normals = np.where(is_sharp[..., None], flat, smooth).reshape(-1, 3)[first]
-    return corners[:, 0], which.reshape(-1, 3), normals
+    return corners[:, 0], number.reshape(-1, 3), normals
 
 
 def _unit(vectors: Array) -> Array:
-    """Vectors (N, 3) at length 1; those without a length stay as they are."""
+    """Vectors (N, 3) scaled to length 1; zero vectors stay zero."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return vectors / np.where(lengths > 0.0, lengths, 1.0)
 
 
 def refined(vertices: Array, faces: Indices, longest: float) -> tuple[Array, Indices]:
-    """The same closed surface with no edge longer than `longest` [m]: vertices (V, 3), faces
-    (F, 3). What needs no refining stays as it is.
+    """Refine a closed surface until no edge is longer than `longest` [m]. Returns vertices (V, 3)
+    and faces (F, 3); the rest of the surface stays the same.
 
-    Halves edges that are the longest of both their triangles, as often as needed, so that the
-    surface stays closed and no triangle gets thinner than it must (Rivara 1984).
+    Edges that are the longest of both their triangles are halved repeatedly, so that the surface
+    stays closed and triangles do not get thin (Rivara 1984).
     """
     while True:
-        found = edges_of(faces)
-        edges, of_face = found.vertices, found.of_side.reshape(3, -1).T
+        surface_edges = edges_of(faces)
+        edges, of_face = surface_edges.vertices, surface_edges.of_side.reshape(3, -1).T
         lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
-        # Ranks instead of lengths: of two edges that are equally long one must come first.
+        # Ranks instead of lengths, because equally long edges must have an order.
         rank = np.argsort(np.argsort(lengths, kind="stable"), kind="stable")
         longest_of_face = np.argmax(rank[of_face], axis=1)
         chosen = of_face[np.arange(len(faces)), longest_of_face]
@@ -181,8 +179,7 @@ def refined(vertices: Array, faces: Indices, longest: float) -> tuple[Array, Ind
         middle = len(vertices) + np.cumsum(is_split) - 1
         vertices = np.vstack([vertices, vertices[edges[is_split]].mean(axis=1)])
         halved = is_split[chosen]
-        turn = (longest_of_face[halved, None] + np.arange(3)) % 3
-        a, b, c = np.take_along_axis(faces[halved], turn, axis=1).T
+        a, b, c = turned(faces[halved], longest_of_face[halved]).T
         m = middle[chosen[halved]]
         halves = [np.column_stack([a, m, c]), np.column_stack([m, b, c])]
         faces = np.concatenate([faces[~halved], *halves])

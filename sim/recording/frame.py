@@ -1,4 +1,4 @@
-"""Frame: what is drawn of a sample: the water's particles, waterlines, wet parts, trails."""
+"""Frame: the drawing of a sample: the water's particles, waterlines, wet surfaces, trails."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -16,35 +16,35 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 WATER_RESOLUTION, MOST_RESOLUTION = 48, 1000
-"""Vertices along a side of the water's grid, by default and at most; a frame takes 16 bytes for
-each of its square."""
+"""Default and largest number of vertices along a side of the water's grid. A frame takes 16 bytes
+for each vertex of the grid."""
 
 WATER_IN_HULLS, WATER_IN_SPREADS = 6.0, 2.4
-"""Side of the water's square: so many sides of the largest hull and as many times the distance that
-the bodies are apart."""
+"""Side of the water's square, as a sum of lengths of the largest hull and distances between the
+bodies."""
 
 MOST_SHADED_VERTICES = 20_000
-"""Of all hulls together; with more of them the wet part is not told apart by colour, because
-writing the colours anew takes 4 bytes for each vertex and frame."""
+"""Largest number of vertices of all hulls for which wet surfaces are darker. Their colours take 4
+bytes per vertex and frame."""
 
 MOST_WATERLINE_POINTS = 4000
-"""In a frame, of all hulls together; of more only every second, third ... is kept. Each takes 12
-bytes, so a hundred finely drawn hulls would take more than the water."""
+"""Largest number of points of all waterlines in a frame; longer waterlines are thinned. A point
+takes 12 bytes."""
 
-FEWEST_OF_A_CURVE = 12
-"""Points that a waterline keeps in any case."""
+FEWEST_CURVE_POINTS = 12
+"""Smallest number of points to which a waterline is thinned."""
 
 TRAIL_SECONDS = 3.0
-"""How far back the trails go."""
+"""Length [s] of the trails."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What is drawn of a sample and not sent yet.
+    """The drawing of a sample.
 
-    particles: (N, 3) [m] of the water and heights (N,) in shades from trough to crest; curves: the
-    waterlines, each (., 3) [m]; wetness: (V,) of the hulls' vertices in shades, None without;
-    trail: of each body (., 3) [m].
+    particles: (N, 3) [m], of the water. heights: (N,), their shades from trough to crest. curves:
+    the waterlines, each (., 3) [m]. wetness: (V,), shades of the hulls' vertices, or None. trail:
+    of each body (., 3) [m].
     """
 
     sample: Sample
@@ -58,10 +58,10 @@ class Frame:
 class Artist:
     """Draws the frames of one scene.
 
-    meshes: the hulls' drawn surfaces; is_shaded: whether their wet parts are told apart;
-    water_faces: (F, 3) of the water's particles. water_size [m]: side of the water's square, None
-    for one that fits the bodies; water_resolution: vertices along that side; colour: of COLOURS.
-    largest_head [m]: of hulls coloured by the pressure, at the dark end of it, else None.
+    water_size [m]: side of the water's square, None to fit the bodies. water_resolution: vertices
+    along that side. colour: one of COLOURS. meshes: the hulls' drawn surfaces. is_shaded: whether
+    their colours show the wetness or the pressure. water_faces: (F, 3), of the water's particles.
+    largest_head [m]: the head of the darkest colour if hulls are coloured by pressure, else None.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Artist:
         self._sea = scene.buoyancy.sea
         side = water_size or extent(scene, WATER_IN_HULLS, WATER_IN_SPREADS)
         self.largest_head: float | None = None
-        if colour == "pressure":  # as deep as the largest hull is high, whichever way up
+        if colour == "pressure":  # the largest middle extent of a hull
             hulls = [f.method.hull for f in scene.buoyancy.floats]
             self.largest_head = max(float(np.sort(np.ptp(h.bounds, axis=0))[1]) for h in hulls)
         self._steps = 0.5 * side * np.linspace(-1.0, 1.0, water_resolution)
@@ -91,7 +91,7 @@ class Artist:
         self._trail: deque[tuple[float, NDArray[np.float32]]] = deque()
 
     def frame(self, sample: Sample) -> Frame:
-        """What a sample looks like, after those that were drawn before."""
+        """The frame of a sample, which comes after the samples of earlier calls."""
         sea, meshes = self._sea, self.meshes
         particles = self._particles(sample)
         highest = max(min(sea.amplitude, 0.5 * sea.significant_height), 1e-9)
@@ -112,14 +112,14 @@ class Artist:
         )
 
     def _shades(self, depths: Array) -> NDArray[np.uint8]:
-        """How dark each vertex is: wet or not, or by the pressure head there."""
+        """Shades (V,) of the vertices by wetness or pressure head, from their depths."""
         if self.largest_head is None:
             return shades(depths * self._wetness_per_metre)
         by_head = np.maximum(shades(2.0 * depths / self.largest_head - 1.0), 1)
         return np.where(depths > 0.0, by_head, 0).astype(np.uint8)
 
     def forget(self) -> None:
-        """Draw the next sample as the first."""
+        """Clear the trails, so that the next sample is the first."""
         self._trail.clear()
 
     def _trails(self, sample: Sample) -> list[NDArray[np.float32]]:
@@ -131,9 +131,8 @@ class Artist:
         return list(np.stack([centres for _, centres in self._trail], axis=1))
 
     def _particles(self, sample: Sample) -> Array:
-        """Positions (N, 3) [m] of the particles of a grid of labels, which travel to and fro as the
-        water does. The grid follows the bodies by whole cells, so that it does not swim under the
-        eye."""
+        """Positions (N, 3) [m] of the water particles of a grid of labels. The grid follows the
+        bodies by whole cells, so that its lines stay on the same particles."""
         cell = self._steps[1] - self._steps[0]
         middle = np.round(sample.centres[:, :2].mean(axis=0) / cell) * cell
         labels = np.stack(np.meshgrid(*(middle[:, None] + self._steps), indexing="ij"), axis=-1)
@@ -141,11 +140,11 @@ class Artist:
 
 
 def thinned(curves: list[Array], most: int) -> list[Array]:
-    """Closed curves with about so many points together at the most."""
-    every = -(-sum(map(len, curves)) // most)
-    if every < 2:
+    """Closed curves thinned to about `most` points in total."""
+    largest_step = -(-sum(map(len, curves)) // most)
+    if largest_step < 2:
         return curves
-    steps = [max(1, min(every, len(curve) // FEWEST_OF_A_CURVE)) for curve in curves]
+    steps = [max(1, min(largest_step, len(curve) // FEWEST_CURVE_POINTS)) for curve in curves]
     return [
         np.concatenate([curve[:-1:step], curve[:1]])
         for curve, step in zip(curves, steps, strict=True)

@@ -14,25 +14,25 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 VIEWER_PORT = 9876
-"""Where a Rerun viewer listens, unless told otherwise."""
+"""Default port of a Rerun viewer."""
 
 FLUSH_SECONDS = 5.0
-"""Longest wait for the disk to take about a megabyte. Rerun's writer does not answer a flush once
-it has given up, so it also takes this long to notice that the disk is full."""
+"""Longest wait [s] for a flush of about a megabyte. Rerun's writer does not answer after it has
+failed, so it also takes this long to notice that the disk is full."""
 
 
-def part(name: str) -> str:
-    """A name as one part of an entity path, whatever characters it has."""
+def path_part(name: str) -> str:
+    """A name with any characters as one part of an entity path."""
     return rr.escape_entity_path_part(name)
 
 
 class Output:
-    """An .rrd file, a viewer, or both, which take what is logged.
+    """An .rrd file, a viewer, or both, for logged data.
 
-    Missing folders are made. Raises OSError when the file cannot be written, when another run is
-    writing it, when it is removed under way, and when no viewer can be opened; ValueError when
-    Rerun is switched off. A file that exists stays as it is until the new recording begins. After
-    an error the file ends with the last flush; if there was none, it is removed.
+    Missing folders are made. Raises OSError if the file cannot be written, is written by another
+    run, or is removed, and if no viewer can be opened; ValueError if Rerun is switched off. An
+    existing file is not changed before the new recording begins. After an error the file ends with
+    the last flush; without a flush it is removed.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Output:
         if switch.lower() in ("0", "false", "off"):
             raise ValueError(
                 f"the environment variable RERUN is '{switch}', so Rerun would write an empty "
-                "recording; unset it, or do without a recording"
+                "recording; unset it, or make no recording"
             )
         self.is_open = True
         self._path, self._file, self._flushed = path, None, 0
@@ -70,7 +70,7 @@ class Output:
         stream.send_recording_name(name)
 
     def flush(self) -> None:
-        """Have all that was logged on disk."""
+        """Write all logged data to the disk."""
         try:
             self._stream.flush(timeout_sec=FLUSH_SECONDS)
         except RuntimeError as error:
@@ -78,31 +78,31 @@ class Output:
         if self._file is not None:
             status = os.fstat(self._file.fileno())
             if status.st_nlink == 0:
-                self._let_go()
+                self._release()
                 raise OSError(f"{self._path}: the recording was removed while it was written")
             self._flushed = status.st_size
 
     def close(self) -> None:
-        """Write what is waiting and let go of file and viewer."""
+        """Write all logged data and release the file and the viewer."""
         self.flush()
         self._stream.disconnect()
-        self._let_go()
+        self._release()
 
-    def _let_go(self) -> None:
+    def _release(self) -> None:
         self.is_open = False
         if self._file is not None:
             self._file.close()
 
     def _give_up(self, error: RuntimeError) -> NoReturn:
-        """Raise OSError, and let nobody wait for the writer, which has died: neither the end of the
-        stream nor the end of the process."""
+        """Raise OSError, and keep the end of the stream and of the process from waiting for the
+        failed writer."""
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
         atexit.unregister(rr.rerun_shutdown)
         if self._file is not None:
             self._file.truncate(self._flushed)
             if self._flushed == 0:
                 self._path.unlink(missing_ok=True)
-        self._let_go()
+        self._release()
         reason = " ".join(str(error).split())
         raise OSError(
             f"{self._path or 'the viewer'}: the recording cannot be written ({reason}); make room "
@@ -111,7 +111,7 @@ class Output:
 
 
 def _locked(path: Path) -> FileIO:
-    """The file, which no other run writes until it is closed. Raises OSError."""
+    """The open file, locked against other runs. Raises OSError."""
     file = path.open("ab", buffering=0)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -122,7 +122,7 @@ def _locked(path: Path) -> FileIO:
 
 
 def _open_viewer(port: int) -> None:
-    """Start a viewer unless one is listening. Raises OSError where it would have no screen."""
+    """Start a viewer unless one is listening. Raises OSError if there is no screen."""
     with socket.socket() as probe:
         if probe.connect_ex(("127.0.0.1", port)) == 0:
             return
@@ -130,6 +130,6 @@ def _open_viewer(port: int) -> None:
     if sys.platform == "linux" and not any(os.environ.get(name) for name in screens):
         raise OSError(
             "there is no screen for the viewer (neither DISPLAY nor WAYLAND_DISPLAY is set); "
-            f"start one elsewhere that listens on port {port} here, or look at a recording"
+            f"forward port {port} to a viewer elsewhere, or make a recording"
         )
     rr.spawn(port=port, connect=False, hide_welcome_screen=True)

@@ -1,4 +1,4 @@
-"""Reader: the time series of a recording as arrays, for plots and sums of one's own."""
+"""Reader: the time series of a recording as arrays."""
 
 import re
 import struct
@@ -15,20 +15,19 @@ from rerun.chunk import RrdReader
 Array = NDArray[np.float64]
 
 PLOTS, OTHERS = "/plots/", "/others/"
-"""Where the series of the bodies that are plotted stand, one an entity, and of the others,
-all in one."""
+"""Entity paths of the series of plotted bodies, with an entity for each series, and of the other
+bodies, with an entity for each quantity."""
 
 SCALARS, NAMES = "Scalars:scalars", "SeriesLines:names"
 
-
-FILE_HEADER, MESSAGE_HEADER = 12, struct.Struct("<QQ")
-"""Bytes at the start of an .rrd file, and kind and length [bytes] at the start of each message."""
+HEADER_BYTES, MESSAGE_HEADER = 12, struct.Struct("<QQ")
+"""Length of the header of an .rrd file, and the header of a message: kind and length [bytes]."""
 
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Path of a recording as far as its messages are whole: its own or that of a copy. A run that
-    was killed as it wrote one leaves a part of it, and Rerun refuses to open such a file."""
+    """The path of a recording, or of a copy without an incomplete last message, which a killed run
+    may leave and with which Rerun refuses to open the file."""
     length = whole_length(path)
     with TemporaryDirectory() as folder:
         if length < path.stat().st_size:
@@ -41,16 +40,16 @@ def whole(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def reader(path: Path) -> Iterator[RrdReader]:
-    """A recording opened for reading, as far as it is whole, and without Rerun's warning that what
-    a killed run leaves has no table of contents."""
+    """A recording opened for reading, without an incomplete last message, and without Rerun's
+    warning that the recording of a killed run has no table of contents."""
     with whole(path) as readable, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="RRD file has no footer")
         yield RrdReader(readable)
 
 
 def whole_length(path: Path) -> int:
-    """Bytes until the end of the last whole message of an .rrd file; all of any other file."""
-    size, end = path.stat().st_size, FILE_HEADER
+    """Bytes up to the end of the last whole message of an .rrd file; the size of any other file."""
+    size, end = path.stat().st_size, HEADER_BYTES
     with path.open("rb") as file:
         if file.read(4) != b"RRF2":
             return size
@@ -64,17 +63,16 @@ def whole_length(path: Path) -> int:
 
 
 def read_series(path: str | Path) -> dict[str, tuple[Array, Array]]:
-    """Times (N,) [s] and values (N,) of each series of a recording by run.py, by its name
-    <quantity>/<body>, as 'height/bunny', 'height/bunny/water', 'heave/bunny', 'surge/bunny' [m],
-    'tilt/bunny', 'heel/bunny', 'trim/bunny' [deg], 'submerged/bunny' [of the volume], 'force/bunny'
-    [weights].
+    """Times (N,) [s] and values (N,) of each series of a recording by run.py, by name.
 
-    Raises FileNotFoundError, or ValueError for a file that has no series.
+    A name is <quantity>/<body>: 'height/bunny', 'height/bunny/water', 'heave/bunny', 'surge/bunny'
+    [m], 'tilt/bunny', 'heel/bunny', 'trim/bunny' [deg], 'submerged/bunny' [of the volume],
+    'force/bunny' [weights]. Raises FileNotFoundError, or ValueError for a file without series.
     """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no recording {path}; make one with scripts/run.py")
-    parts: dict[str, list[tuple[Array, Array]]] = {}
+    chunks: dict[str, list[tuple[Array, Array]]] = {}
     bodies: dict[str, list[str]] = {}
     try:
         with reader(path) as recording:
@@ -86,21 +84,23 @@ def read_series(path: str | Path) -> dict[str, tuple[Array, Array]]:
                     continue
                 times = batch.column("time").cast("int64").to_numpy() * 1e-9  # from nanoseconds
                 values = np.array(batch.column(SCALARS).to_pylist())
-                parts.setdefault(entity, []).append((times, values))
+                chunks.setdefault(entity, []).append((times, values))
     except RuntimeError as error:
         raise ValueError(f"{path} is no recording that can be read: {error}") from None
-    if not parts:
+    if not chunks:
         raise ValueError(f"{path} has no series under {PLOTS}; give a recording by scripts/run.py")
     series = {}
-    for entity, chunks in sorted(parts.items()):
-        times, values = _in_order(chunks)
+    for entity, pieces in sorted(chunks.items()):
+        times, values = (np.concatenate(column) for column in zip(*pieces, strict=True))
+        order = np.argsort(times, kind="stable")
+        times, values = times[order], values[order]
         names = _names(entity, bodies.get(entity, []))
         series |= {name: (times, values[:, i]) for i, name in enumerate(names)}
     return series
 
 
 def _names(entity: str, bodies: list[str]) -> list[str]:
-    """Names of the series of an entity, which those of others do not have in their path."""
+    """Names of the series of an entity."""
     if entity.startswith(PLOTS):
         return [_unescaped(entity.removeprefix(PLOTS))]
     quantity, *rest = entity.removeprefix(OTHERS).split("/")
@@ -108,17 +108,11 @@ def _names(entity: str, bodies: list[str]) -> list[str]:
 
 
 def _unescaped(path: str) -> str:
-    """A path of an entity without Rerun's escapes."""
-    plain = {"n": "\n", "t": "\t", "r": "\r"}
+    """An entity path without Rerun's escapes."""
+    controls = {"n": "\n", "t": "\t", "r": "\r"}
 
-    def of(match: re.Match[str]) -> str:
+    def character(match: re.Match[str]) -> str:
         code, letter = match.groups()
-        return chr(int(code, 16)) if code else plain.get(letter, letter)
+        return chr(int(code, 16)) if code else controls.get(letter, letter)
 
-    return re.sub(r"\\(?:u\{([0-9a-fA-F]+)\}|(.))", of, path)
-
-
-def _in_order(chunks: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-    times, values = (np.concatenate(column) for column in zip(*chunks, strict=True))
-    order = np.argsort(times, kind="stable")
-    return times[order], values[order]
+    return re.sub(r"\\(?:u\{([0-9a-fA-F]+)\}|(.))", character, path)

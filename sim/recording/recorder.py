@@ -1,20 +1,20 @@
-"""Recorder: Samples -> a Rerun file with its own blueprint.
+"""Recorder: writes Samples to a Rerun file with a blueprint.
 
 Entities, all in world axes [m]:
 
     world/water                     the surface around the bodies, made of its own particles
-    world/bodies/<body>             pose of the body frame; below it its hulls, wet parts darker
+    world/bodies/<body>             pose of the body frame; below it its hulls, darker where wet
     world/waterline                 where the surface meets the hulls
     world/forces/<force>            arrows at the centres of mass: buoyancy, weight, drag
-    world/trail                     where the centres of mass have just been
-    world/focus                     what the camera looks at and moves with
-    plots/<quantity>/<body>         heave, surge, height and those of the water [m], tilt, heel and
+    world/trail                     recent positions of the centres of mass
+    world/focus                     target of the camera, which moves with it
+    plots/<quantity>/<body>         heave, surge, height and height of the water [m], tilt, heel,
                                     trim [deg], submerged fraction [-], vertical buoyant force
                                     [weights]
-    others/<quantity>               the same of all bodies beyond MOST_PLOTTED, in one row, named
+    others/<quantity>               the same of all bodies beyond MOST_PLOTTED, in one row
     overview                        scene, sea, hulls and settings; at the end the means
 
-on the timelines `time` (simulated seconds) and `frame`.
+The timelines are `time` (simulated seconds) and `frame`.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,19 +34,19 @@ from sim.recording.look import (
     MOST_PLOTTED,
     OTHER_SERIES,
     SERIES,
+    TINT_SHARE,
     WATER_OPACITY,
     WATER_PALETTE,
+    WATER_QUANTITIES,
     WATER_SERIES_COLOUR,
     WATERLINE_COLOUR,
-    WATERS,
-    WET_SHARE,
     WET_TINT,
     blueprint,
     overview,
     palette,
     rounded,
 )
-from sim.recording.output import VIEWER_PORT, Output, part
+from sim.recording.output import VIEWER_PORT, Output, path_part
 from sim.runs.motions import motion
 from sim.runs.simulation import Sample, Tally, observe
 from sim.scenes.scene import Scene
@@ -54,23 +54,23 @@ from sim.scenes.scene import Scene
 Send = Callable[[str, rr.ComponentColumnList], None]
 
 ARROW_IN_HULLS, WIDEST_ARROW = 0.55, 1.6
-"""Length of the weight's arrow in diagonals of the body's largest hull, and of these in cube roots
-of the volume that it displaces at most: a slender hull's arrow would be longer than itself."""
+"""Length of the weight's arrow, in diagonals of the body's largest hull, and the largest diagonal
+that counts, in cube roots of the volume that the body displaces."""
 
 BATCH_SECONDS = 1.0
-"""Simulated time that is sent at once, in columns: a row by itself costs ten times as much."""
+"""Simulated time [s] that is sent at once, in columns. Single rows cost ten times as much."""
 
-LONGEST_WAIT, LONGEST_WAIT_TO_VIEW = 0.7, 0.05
-"""Seconds of wall time after which what there is of a batch is sent: a run that is killed loses no
-more than that and a frame, and somebody who looks on sees it move."""
+LONGEST_WAIT, LONGEST_VIEWER_WAIT = 0.7, 0.05
+"""Wall time [s] after which a shorter batch is sent, without and with a viewer. A killed run loses
+at most this time and a frame."""
 
 
 class SceneWriter:
-    """Writes the samples of one scene to an output, a second of them at once.
+    """Writes the samples of one scene to an output in batches.
 
-    artist: what they look like; root: the entity that all others stand below, as "/linear", or "";
-    rate: frames a simulated second [Hz] at most, None for one a sample; longest_wait: seconds, by
-    its clock, that a frame may wait for others. frames: the number of frames so far.
+    artist: draws them. root: the entity above all others, for example "/linear", or "". rate: the
+    largest number of frames per simulated second [Hz], None for one per sample. longest_wait: time
+    [s] of the clock that a frame may wait for others. frames: the number of frames so far.
     """
 
     def __init__(
@@ -96,19 +96,22 @@ class SceneWriter:
         self._rest_heights = scene.rest_heights
         self._start = scene.data.xpos[scene.buoyancy.bodies, 0].copy()
         self._palettes = [
-            palette(mesh.rgba[:3], mesh.rgba[:3] + WET_SHARE * (WET_TINT - mesh.rgba[:3]))
+            palette(mesh.rgba[:3], mesh.rgba[:3] + TINT_SHARE * (WET_TINT - mesh.rgba[:3]))
             if artist.largest_head is None
             else HEAD_PALETTE
             for mesh in artist.meshes
         ]
-        self._log_static()
+        output.log(root or "/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._log_static_surfaces()
+        self._log_static_lines()
+        self._log_overview()
         output.flush()
-        artist.frame(observe(scene))  # compiles what is not, before the run's time counts
+        artist.frame(observe(scene))  # compiles before the run's time counts
         artist.forget()
         self._sent_at = self._clock()
 
     def log(self, sample: Sample) -> None:
-        """Add one sample as the next frame, unless it comes before one is due."""
+        """Add one sample as the next frame, unless it comes before the next frame is due."""
         self._tally.add(sample)
         if self._due is None:
             self._due = sample.time
@@ -124,15 +127,8 @@ class SceneWriter:
             self._output.flush()
 
     def finish(self) -> None:
-        """Write what is waiting and the means over the run."""
+        """Write the waiting frames and the means over the run."""
         self._send()
-        self._log_overview()
-
-    def _log_static(self) -> None:
-        """All that stays as it is over the run."""
-        self._output.log(self._root or "/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        self._log_static_surfaces()
-        self._log_static_lines()
         self._log_overview()
 
     def _log_static_surfaces(self) -> None:
@@ -160,7 +156,7 @@ class SceneWriter:
         self._log("world/water", water)
 
     def _log_static_lines(self) -> None:
-        """Colours and widths of all lines; a body's weight is as long as ARROW_IN_HULLS says."""
+        """Log the colours and widths of all lines, and the arrows of the weights."""
         meshes = self._artist.meshes.of_bodies()
         sizes = np.array([mesh.size for mesh in meshes])
         density = self.scene.buoyancy.sea.density
@@ -185,28 +181,28 @@ class SceneWriter:
         for quantity, path in SERIES.items():
             for name, mesh in zip(self._plotted, meshes, strict=False):
                 colour, label, width = mesh.rgba[:3], name, 2.0
-                if quantity in WATERS:
+                if quantity in WATER_QUANTITIES:
                     colour, label, width = WATER_SERIES_COLOUR, f"water at {name}", 1.0
                 line = rr.SeriesLines(names=label, colors=[rounded(colour)], widths=[width])
-                self._log(path.format(part(name)), line)
+                self._log(path.format(path_part(name)), line)
             if self._others:
                 self._log(OTHER_SERIES[quantity], rr.SeriesLines(names=self._others))
 
     def _entity(self, mesh: DisplayMesh) -> str:
         buoyancy = self.scene.buoyancy
         body = buoyancy.body_names[buoyancy.bodies.tolist().index(mesh.body)]
-        return f"world/bodies/{part(body)}/{part(mesh.name)}"
+        return f"world/bodies/{path_part(body)}/{path_part(mesh.name)}"
 
     def _log_overview(self) -> None:
         text = overview(self.scene, self._tally, self._artist.largest_head)
         document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
         self._log("overview", document)
 
-    def _log(self, entity: str, *what: Any) -> None:
-        self._output.log(f"{self._root}/{entity}", *what, static=True)
+    def _log(self, entity: str, *components: Any) -> None:
+        self._output.log(f"{self._root}/{entity}", *components, static=True)
 
     def _send(self) -> None:
-        """Send the frames that are waiting, every entity's in one call."""
+        """Send the waiting frames, with one call per entity."""
         self._sent_at = self._clock()
         if not self._waiting:
             return
@@ -233,13 +229,13 @@ class SceneWriter:
                 translation=[s.positions[i] for s in samples],
                 quaternion=np.roll([s.quaternions[i] for s in samples], -1, axis=1),
             )
-            send(f"world/bodies/{part(name)}", pose)
+            send(f"world/bodies/{path_part(name)}", pose)
         level = self.scene.buoyancy.sea.level_at
         focus = [[*s.centres[:, :2].mean(axis=0), float(level(s.time))] for s in samples]
         send("world/focus", rr.Transform3D.columns(translation=focus))
 
     def _send_surfaces(self, frames: list[Frame], send: Send) -> None:
-        """The water, and the wet part of each hull darker than the dry one."""
+        """Send the water and the colours of the hulls."""
         water = rr.Mesh3D.columns(
             vertex_positions=np.concatenate([f.particles for f in frames]),
             vertex_colors=WATER_PALETTE[np.concatenate([f.heights for f in frames])],
@@ -261,7 +257,7 @@ class SceneWriter:
                 send(f"world/{name}", columns.partition([len(frame) for frame in strips]))
 
     def _send_forces(self, samples: list[Sample], send: Send) -> None:
-        """Arrows at the centres of mass; the weight's vectors never change."""
+        """Send the arrows at the centres of mass; the weight's vectors never change."""
         sizes = [len(s.centres) for s in samples]
         origins = np.concatenate([s.centres for s in samples]).astype(np.float32)
         wrenches = {
@@ -292,7 +288,7 @@ class SceneWriter:
         for quantity, path in SERIES.items():
             of_bodies = np.stack(values[quantity], axis=1)
             for name, series in zip(self._plotted, of_bodies, strict=False):
-                send(path.format(part(name)), rr.Scalars.columns(scalars=series))
+                send(path.format(path_part(name)), rr.Scalars.columns(scalars=series))
             if self._others:
                 rows = rr.Scalars.columns(scalars=of_bodies[MOST_PLOTTED:].T.ravel())
                 sizes = [len(self._others)] * len(samples)
@@ -300,9 +296,9 @@ class SceneWriter:
 
 
 class Recording:
-    """Scene writers and the output that they share: closed with the block, whatever happens.
+    """Scene writers and their output; a context manager that closes the output.
 
-    seconds: wall time that logging has taken.
+    seconds: wall time [s] of logging so far.
     """
 
     def __init__(self, output: Output, writers: Sequence[SceneWriter]) -> None:
@@ -317,12 +313,12 @@ class Recording:
 
     @property
     def frames(self) -> int:
-        """How many there are by now."""
+        """The number of frames so far."""
         return self._writers[0].frames
 
     def close(self) -> None:
-        """Write what is waiting and the means over the run, and close the file; a second time
-        does nothing."""
+        """Write the waiting frames and the means over the run, and close the output. Further calls
+        do nothing."""
         if not self._output.is_open:
             return
         started = perf_counter()
@@ -346,16 +342,15 @@ class Recorder(Recording):
             for sample in simulate(scene, 10.0):
                 recorder.log(sample)
 
-    path: of the file, or None for none; rate: frames a simulated second [Hz] at most, None for
-    one a sample; water_size [m]: side of the water's square; water_resolution: vertices along
-    that side; colour: what hulls are coloured by, "wet" or "pressure"; view: open a viewer, or use
-    the one that is open, and show the run as it goes; port: where that listens. frames, seconds:
-    how many there are by now, and the wall time they took.
+    path: of the file, or None. rate: the largest number of frames per simulated second [Hz], None
+    for one per sample. water_size [m]: side of the water's square, None to fit the bodies.
+    water_resolution: vertices along that side. view: whether to show the run in a viewer, which is
+    opened unless one listens on `port`. colour: the colouring of hulls, "wet" or "pressure".
+    frames, seconds: the number of frames so far, and the wall time [s] of logging.
 
-    The file is readable whenever the block is left, by an exception too. Missing folders are
-    made. Raises OSError when the file cannot be written, now or later (what was written until a
-    second before stays readable), or no viewer can be opened, ValueError for numbers that
-    cannot be.
+    The file is readable after the block ends, also by an exception. Missing folders are made.
+    Raises OSError if the file cannot be written, now or later (data until a second before stays
+    readable), or if no viewer can be opened; ValueError for invalid numbers.
     """
 
     def __init__(
@@ -374,9 +369,9 @@ class Recorder(Recording):
         artist = Artist(scene, DisplayMeshes(scene.buoyancy), water_size, water_resolution, colour)
         self.path = None if path is None else Path(path)
         output = Output(self.path, scene.name, blueprint(scene), view, port)
-        longest_wait = LONGEST_WAIT_TO_VIEW if view else LONGEST_WAIT
+        longest_wait = LONGEST_VIEWER_WAIT if view else LONGEST_WAIT
         super().__init__(output, [SceneWriter(scene, output, artist, "", rate, longest_wait)])
 
     def log(self, sample: Sample) -> None:
-        """Add one sample as the next frame, unless it comes before one is due."""
+        """Add one sample as the next frame, unless it comes before the next frame is due."""
         self._log([sample])

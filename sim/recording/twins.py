@@ -10,13 +10,13 @@ import rerun as rr
 from sim.recording.display_mesh import DisplayMeshes
 from sim.recording.frame import WATER_RESOLUTION, Artist
 from sim.recording.look import DIFFERENCES, MOST_PLOTTED, SERIES, side_by_side_blueprint
-from sim.recording.output import Output, part
+from sim.recording.output import Output, path_part
 from sim.recording.recorder import BATCH_SECONDS, Recording, SceneWriter
 from sim.runs.simulation import Sample
 from sim.scenes.scene import Scene
 
-GOLDEN_TURN = 0.618
-"""From one twin's hue to the next: however many there are, no two of them come near each other."""
+HUE_STEP = 0.618
+"""Difference in hue between successive twins, in turns. The golden ratio keeps all hues apart."""
 
 
 class SideBySideRecorder(Recording):
@@ -26,9 +26,9 @@ class SideBySideRecorder(Recording):
             for samples in zip(simulate(one, 10.0), simulate(other, 10.0)):
                 recorder.log(samples)
 
-    Each has a 3D view of its own, titled with its label, all in the same water, and colours of its
-    own there and in the plots, which share axes. What a `Recorder` writes stands below the entity
-    <label>. Raises OSError as it does.
+    Each simulation has a 3D view with its label as title, and its own colours in the view and in
+    the common plots. The entities of a `Recorder` are below the entity <label>. Raises OSError as
+    `Recorder` does.
     """
 
     def __init__(self, path: str | Path, scenes: Mapping[str, Scene]) -> None:
@@ -38,14 +38,14 @@ class SideBySideRecorder(Recording):
         output = Output(self.path, name, side_by_side_blueprint(scenes))
         writers = []
         for i, (label, scene) in enumerate(scenes.items()):
-            meshes = DisplayMeshes(scene.buoyancy, hue=i * GOLDEN_TURN)
+            meshes = DisplayMeshes(scene.buoyancy, hue=i * HUE_STEP)
             artist = Artist(scene, meshes, None, WATER_RESOLUTION)
-            writers.append(SceneWriter(scene, output, artist, f"/{part(label)}"))
+            writers.append(SceneWriter(scene, output, artist, f"/{path_part(label)}"))
         bodies = first.buoyancy.body_names[:MOST_PLOTTED]
         for label, path_of, body in product(scenes, SERIES.values(), bodies):
             title = f"water at {body}" if path_of.endswith("water") else body
             line = rr.SeriesLines(names=f"{title}, {label}")
-            output.log(f"{part(label)}/{path_of.format(part(body))}", line, static=True)
+            output.log(f"{path_part(label)}/{path_of.format(path_part(body))}", line, static=True)
         super().__init__(output, writers)
         self._differences = Differences(list(scenes), bodies, output)
 
@@ -61,7 +61,7 @@ class SideBySideRecorder(Recording):
 
 
 class Differences:
-    """Writes how far heave and tilt of the others are from the first's, a second of it at once."""
+    """Writes the differences in heave and tilt from the first simulation, in batches."""
 
     def __init__(self, labels: list[str], bodies: Sequence[str], output: Output) -> None:
         self._labels, self._bodies, self._output = labels, bodies, output
@@ -71,13 +71,13 @@ class Differences:
             output.log(self._path(entity, label, body), line, static=True)
 
     def add(self, samples: Sequence[Sample]) -> None:
-        """Count in one sample of each simulation."""
+        """Add one sample of each simulation."""
         self._waiting.append(samples)
         if self._waiting[-1][0].time - self._waiting[0][0].time >= BATCH_SECONDS:
             self.send()
 
     def send(self) -> None:
-        """Send what is waiting."""
+        """Send the waiting samples."""
         if not self._waiting:
             return
         waiting, self._waiting = self._waiting, []
@@ -86,14 +86,14 @@ class Differences:
             "heave": np.array([[s.positions[:, 2] for s in samples] for samples in waiting]),
             "tilt": np.degrees([[s.tilts for s in samples] for samples in waiting]),
         }
-        for entity, found in values.items():  # frames, twins, bodies
-            off = found[:, 1:] - found[:, :1]
+        for entity, series in values.items():  # frames, twins, bodies
+            differences = series[:, 1:] - series[:, :1]
             for (j, label), (i, body) in product(
                 enumerate(self._labels[1:]), enumerate(self._bodies)
             ):
-                columns = rr.Scalars.columns(scalars=off[:, j, i])
+                columns = rr.Scalars.columns(scalars=differences[:, j, i])
                 path = self._path(entity, label, body)
                 self._output.send_columns(path, indexes=indexes, columns=columns)
 
     def _path(self, entity: str, label: str, body: str) -> str:
-        return f"difference/{entity}/{part(label)}/{part(body)}"
+        return f"difference/{entity}/{path_part(label)}/{path_part(body)}"

@@ -1,9 +1,9 @@
-"""Waterline: where the sea's surface meets a hull's, as closed curves.
+"""Waterline: where the sea's surface meets a hull's surface, as closed curves.
 
-Heads at the vertices tell wet from dry. Every edge with one end in each holds a point of the
-curve, found on the true surface, waves and all; from triangle to triangle these points follow
-one another until the curve closes, because the hull does. Between its points the curve is
-drawn straight, so a hull of large triangles is `display_mesh.refined` first.
+The sign of the head at a vertex says whether it is wet. Every edge with a wet and a dry end has a
+point of the curve, which is solved on the surface of the waves. The curve goes from triangle to
+triangle and closes because the hull is closed. It is straight between its points, so a hull of
+large triangles is `display_mesh.refined` first.
 """
 
 import numpy as np
@@ -18,17 +18,17 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 WATERLINE_ERROR = 1e-5
-"""Head [m] that a point of the waterline may be left with: far below what a picture shows."""
+"""Largest head [m] at a point of the waterline, far below the resolution of a picture."""
 
-BRACKET_STEPS = 60
-"""Steps after which a point is left as it is; some 4 suffice, and plain halving would take 17."""
+MOST_BRACKET_STEPS = 60
+"""Largest number of steps for a point. About 4 suffice; plain halving would take 17."""
 
 
 def heads(sea: Sea, points: Array, time: float) -> Array:
     """Depths (N,) [m] of points (N, 3) [m], world axes, below the instantaneous surface.
 
-    Where no crest or trough can reach the point, the depth below the still level instead: right
-    in sign, and no elevation is solved.
+    If no crest or trough can reach a point, it is the depth below the still level, which has the
+    right sign and needs no solution.
     """
     depths = sea.level_at(time) - points[:, 2]
     near = np.flatnonzero(np.abs(depths) <= sea.amplitude)
@@ -37,7 +37,7 @@ def heads(sea: Sea, points: Array, time: float) -> Array:
 
 
 def faces_across(faces: Indices) -> Indices:
-    """The neighbour (F, 3) of each face of closed surfaces across its edges ab, bc and ca."""
+    """The neighbours (F, 3) of each face of closed surfaces across its edges ab, bc and ca."""
     both_sides = np.argsort(edges_of(faces).of_side).reshape(-1, 2)  # of each edge
     across = np.empty(3 * len(faces), np.int64)
     across[both_sides] = both_sides[:, ::-1] % len(faces)
@@ -47,12 +47,12 @@ def faces_across(faces: Indices) -> Indices:
 def waterlines(
     sea: Sea, time: float, vertices: Array, faces: Indices, across: Indices, depths: Array
 ) -> list[Array]:
-    """Closed curves (N, 3) [m] along which the sea cuts closed surfaces; the last point is the
-    first again, and the wet side lies to the right as seen from outside.
+    """Closed curves (N, 3) [m] along which the sea cuts closed surfaces. The last point repeats the
+    first, and the wet side lies to the right as seen from outside.
 
-    vertices: (V, 3) [m], world axes; faces: (F, 3), of one or more closed surfaces, outward;
-    across: (F, 3), their `faces_across`; depths: (V,), their `heads`. A point lies on an edge to
-    round-off and on the sea's surface to WATERLINE_ERROR.
+    vertices: (V, 3) [m], world axes. faces: (F, 3), of one or more closed, outward surfaces.
+    across: (F, 3), their `faces_across`. depths: (V,) [m], of the vertices, by `heads`. A point
+    lies on an edge to round-off and on the sea's surface to WATERLINE_ERROR.
     """
     dry, wet, ends = _traced(faces, across, depths > 0.0)
     points = _crossings(sea, time, vertices[dry], vertices[wet], depths[dry], depths[wet])
@@ -65,11 +65,11 @@ def waterlines(
 
 @kernel
 def _traced(faces: Indices, across: Indices, wet: Flags) -> tuple[Indices, Indices, Indices]:
-    """The dry and the wet end (N,) of every edge that the curves cross, in their order, and where
-    each curve ends among these.
+    """The dry and the wet end (N,) of every edge that the curves cross, in order, and the index of
+    the end of each curve.
 
-    Around a triangle the water begins on one edge and ends on another; the neighbour across an
-    edge runs along it the other way, so where a curve leaves one triangle it enters the next.
+    A curve enters a triangle at the edge from a dry to a wet vertex, and leaves it at the edge from
+    a wet to a dry vertex. The next triangle runs along that edge in the opposite direction.
     """
     dry_ends, wet_ends = np.empty(len(faces), np.int64), np.empty(len(faces), np.int64)
     ends = np.empty(len(faces), np.int64)
@@ -98,12 +98,12 @@ def _traced(faces: Indices, across: Indices, wet: Flags) -> tuple[Indices, Indic
 def _crossings(
     sea: Sea, time: float, dry: Array, wet: Array, dry_depths: Array, wet_depths: Array
 ) -> Array:
-    """Point (N, 3) of the surface between each dry and wet point: bracketed secants that weigh
-    an end down when it stays put (the Illinois rule: Dowell and Jarratt 1971)."""
+    """A point (N, 3) of the sea's surface between each dry and wet point, by bracketed secants with
+    the Illinois rule (Dowell and Jarratt 1971), which halves the value of an end that stays."""
     low, high = np.zeros(len(dry)), np.ones(len(dry))
     below, above = dry_depths.copy(), wet_depths.copy()
     side = np.zeros(len(dry))
-    for _ in range(BRACKET_STEPS):
+    for _ in range(MOST_BRACKET_STEPS):
         fraction = (low * above - high * below) / (above - below)
         points = dry + fraction[:, None] * (wet - dry)
         depths = sea.head(*points.T, time)

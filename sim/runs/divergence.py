@@ -1,7 +1,7 @@
-"""Divergence: states that cannot be.
+"""Divergence: detects impossible states.
 
-MuJoCo warns of numbers that are not finite or huge. A body on too long a timestep may be thrown
-kilometres high without that: `Watch` holds its energy against what explains it.
+MuJoCo warns of numbers that are not finite or huge. With too long a timestep a body may be thrown
+kilometres high without a warning: `Watch` compares its energy with an explained energy.
 """
 
 import mujoco
@@ -16,25 +16,24 @@ Array = NDArray[np.float64]
 
 
 class DivergenceError(RuntimeError):
-    """The state is not a number, or one that nothing explains. `body` is the name of the body,
-    `time` [s] when it was noticed; `str()` adds the remedy."""
+    """The state is not finite, or its energy cannot be explained. `body` is the name of the body,
+    `time` [s] the time of detection; `str()` adds the remedy."""
 
-    def __init__(self, body: str, time: float, what: str, remedy: str) -> None:
+    def __init__(self, body: str, time: float, fault: str, remedy: str) -> None:
         self.body = body
         self.time = time
-        super().__init__(f"body '{body}' diverged at {time:.4f} s: its {what}; {remedy}")
+        super().__init__(f"body '{body}' diverged at {time:.4f} s: its {fault}; {remedy}")
 
 
 class Watch:
-    """Holds the energy of the bodies for which the timestep is too long against what explains it.
+    """Limits the energy gain of the bodies for which the timestep is too long.
 
     Energies are heads [m]: heights over the level that a body would reach in air if all of its
-    energy went into height. Explained is the gain of a body that a wave pushes under water, and
-    that moves at twice the speed of the fastest wave and the current.
+    energy became height. The limit is the gain of a body that a wave pushes under water and that
+    moves at twice the speed of the fastest wave and the current.
 
-    A body with a timestep that is short enough is not watched. Actuators, forces, springs and
-    collisions may give it any energy. They may not where the timestep is too long: the remedy is
-    a shorter one.
+    A body with a sufficiently short timestep is not watched. Actuators, forces, springs and
+    collisions may give it any energy.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -44,31 +43,31 @@ class Watch:
         waves = max((np.sqrt(sea.gravity / wave.wavenumber) for wave in sea.waves), default=0.0)
         speed = 2.0 * (waves + np.linalg.norm(sea.current))
         self._explained = speed**2 / (2.0 * sea.gravity) + np.array(
-            [found.lift * (found.reach + 2.0 * sea.amplitude) for found in self._bodies]
+            [body.lift * (body.reach + 2.0 * sea.amplitude) for body in self._bodies]
         )
         self._gains = np.zeros(len(self._bodies))
 
     def heads(self) -> Array:
-        """The heads [m] of the watched bodies as the state stands."""
+        """The heads [m] of the watched bodies in the present state."""
         model, data, sea = self.scene.model, self.scene.data, self.scene.buoyancy.sea
         heads, velocity = np.zeros(len(self._bodies)), np.zeros(6)
         if self._bodies:
             for update in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel):
                 update(model, data)
-        for i, found in enumerate(self._bodies):
-            mujoco.mj_objectVelocity(
-                model, data, mujoco.mjtObj.mjOBJ_BODY, found.body, velocity, 1
-            )  # rotation first
-            mass = max(model.body_mass[found.body], mujoco.mjMINVAL)
-            squares = model.body_inertia[found.body] / mass @ velocity[:3] ** 2
+        kind = mujoco.mjtObj.mjOBJ_BODY
+        for i, unstable in enumerate(self._bodies):
+            body = unstable.body
+            mujoco.mj_objectVelocity(model, data, kind, body, velocity, 1)  # angular first
+            mass = max(model.body_mass[body], mujoco.mjMINVAL)
+            squares = model.body_inertia[body] / mass @ velocity[:3] ** 2
             squares += velocity[3:] @ velocity[3:]
-            height = data.xipos[found.body, 2] - sea.level_at(data.time)
-            heads[i] = squares / (2.0 * sea.gravity) + max(height, (1.0 - found.lift) * height)
+            height = data.xipos[body, 2] - sea.level_at(data.time)
+            heads[i] = squares / (2.0 * sea.gravity) + max(height, (1.0 - unstable.lift) * height)
         return heads
 
     def check(self, before: Array) -> None:
-        """Add what steps have changed since the heads were `before`. What changes between steps is
-        the caller's doing. Raises DivergenceError for a gain that is not explained."""
+        """Add the gains of steps that began with the heads `before`. Changes by the caller between
+        steps do not count. Raises DivergenceError for a gain that is not explained."""
         self._gains = np.maximum(self._gains + self.heads() - before, 0.0)
         for i in np.flatnonzero(self._gains > self._explained)[:1]:
             raise self.divergence(
@@ -78,14 +77,14 @@ class Watch:
                 f"and buoyancy explain {self._explained[i]:.3g} m",
             )
 
-    def divergence(self, body: int, time: float, what: str) -> DivergenceError:
-        """The error for a body of which `what` says what is wrong, with the remedy."""
+    def divergence(self, body: int, time: float, fault: str) -> DivergenceError:
+        """The error for a fault of a body, with the remedy."""
         model = self.scene.model
         remedy = (
             f"try a timestep below {model.opt.timestep:g} s, and check the body's mass and inertia "
             "and that the bodies do not overlap at the start"
         )
-        for found in self._bodies:
-            if found.body == model.body_weldid[body]:
-                remedy = found.remedy
-        return DivergenceError(body_label(model, body), time, what, remedy)
+        for unstable in self._bodies:
+            if unstable.body == model.body_weldid[body]:
+                remedy = unstable.remedy
+        return DivergenceError(body_label(model, body), time, fault, remedy)

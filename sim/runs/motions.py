@@ -14,8 +14,8 @@ Array = NDArray[np.float64]
 
 
 class Motion(NamedTuple):
-    """Of the B floating bodies: heave [m], heel [deg], starboard down, and trim [deg], bow down,
-    each (B,); and the height of the water above the still level [m] at each."""
+    """Motion of the B floating bodies: heave [m], heel [deg], starboard down, trim [deg], bow down,
+    and the height [m] of the water above the still level at each body; each (B,)."""
 
     heave: Array
     heel_deg: Array
@@ -25,7 +25,7 @@ class Motion(NamedTuple):
 
 def motion(sample: Sample, sea: Sea, rest_heights: Array) -> Motion:
     """The motion of a sample's bodies. Heave is the height of a body's origin above its rest height
-    (B,) [m], `Scene.rest_heights`; both are measured from the still level, which a tide moves."""
+    (`Scene.rest_heights`, (B,) [m]). Both are measured from the still level, which a tide moves."""
     level = float(sea.level_at(sample.time))
     heel, trim = np.degrees(heel_and_trim(rotation_matrix(sample.quaternions)[:, 2]))
     heave = sample.positions[:, 2] - rest_heights - level

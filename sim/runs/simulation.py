@@ -1,4 +1,4 @@
-"""Simulation: step a scene, look at it at a steady rate, stop when it diverges."""
+"""Simulation: steps a scene, samples it at a constant rate, and stops when it diverges."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,29 +14,29 @@ from sim.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-WARNINGS_OF_DIVERGENCE = {
+DIVERGENCE_WARNINGS = {
     int(mujoco.mjtWarning.mjWARN_BADQPOS): "position",
     int(mujoco.mjtWarning.mjWARN_BADQVEL): "velocity",
     int(mujoco.mjtWarning.mjWARN_BADQACC): "acceleration",
 }
-"""MuJoCo answers these by resetting the state and stepping on; we stop instead."""
+"""MuJoCo's warnings at which a run stops, and the quantity. MuJoCo would reset the state and go
+on."""
 
 MOST_STEPS = 1e9
-"""Steps of a run: some hours at a few microseconds each."""
+"""Largest number of steps of a run, which takes some hours at a few microseconds per step."""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """The state of a scene at one instant, all of it for that same instant.
+    """The state of a scene at one instant, in world axes.
 
-    time [s]; step: steps taken; for the B floating bodies, in the order of
+    time [s]. step: the number of steps so far. For the B floating bodies, in the order of
     `scene.buoyancy.body_names`: positions (B, 3) [m] and quaternions (B, 4) (w, x, y, z) of the
-    body frame, centres (B, 3) [m] of mass, elevations (B,) [m] of the water at the centres,
-    tilts (B,) [rad] between the body's z axis and the vertical, submerged_fractions (B,)
-    of the hulls' volume, body_wrenches (B, 6) [N, N m] of buoyancy about the centres,
-    drag_wrenches (B, 6) of drag likewise (0 without); for the H hulls wrenches (H, 6) of
-    buoyancy likewise. World axes. step_seconds, buoyancy_seconds: wall time
-    that all steps so far took, and the part of it spent on buoyancy.
+    body frames; centres (B, 3) [m] of mass; elevations (B,) [m] of the water at the centres; tilts
+    (B,) [rad] between the body's z axis and the vertical; submerged_fractions (B,) of the hulls'
+    volume; body_wrenches and drag_wrenches (B, 6) [N, N m] of buoyancy and drag about the centres.
+    For the H hulls: wrenches (H, 6) [N, N m] of buoyancy about the centre of the hull's body.
+    step_seconds, buoyancy_seconds: wall time [s] of all steps so far, and of buoyancy in them.
     """
 
     time: float
@@ -55,21 +55,20 @@ class Sample:
 
 
 def simulate(scene: Scene, duration: float, rate: float = 30.0) -> Iterator[Sample]:
-    """Step `scene` for `duration` [s of simulated time] and yield a Sample `rate` times a second
-    [Hz], the first of them before the first step; where the rate does not divide into
-    timesteps, at the first step at or after each instant.
+    """Step a scene for a duration [s] of simulated time and yield Samples at a rate [Hz]. The first
+    Sample comes before the first step; the others come at the first step at or after their time.
 
-    Raises DivergenceError where numbers are not finite or huge, and where the timestep is too long
-    for a body (a Note at load says so) and its energy cannot be explained; `mujoco.mj_step` and
-    `observe` go on regardless. Raises ValueError for a duration or rate that cannot be.
+    Raises DivergenceError if numbers are not finite or huge, or if the timestep is too long for a
+    body (of which a Note warns at load) and its energy cannot be explained; `mujoco.mj_step` and
+    `observe` do not. Raises ValueError as `check_run` does.
     """
     check_run(scene, duration, rate)
     return _samples(scene, duration, rate)
 
 
 def check_run(scene: Scene, duration: float, rate: float) -> None:
-    """Raise the ValueError that `simulate` would for a duration [s], a rate [Hz] or a timestep that
-    cannot be, and for a model that has changed."""
+    """Raise ValueError for an invalid duration [s] or rate [Hz], for too many steps, and for a
+    model that has changed since it was loaded."""
     for name, value in (("duration", duration), ("rate", rate)):
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value}; it must be finite and above 0")
@@ -77,12 +76,12 @@ def check_run(scene: Scene, duration: float, rate: float) -> None:
     if not steps <= MOST_STEPS:
         raise ValueError(
             f"{duration:g} s are {steps:.3g} steps of {scene.model.opt.timestep:g} s, more than "
-            f"{MOST_STEPS:g}; take a larger timestep or a shorter run"
+            f"{MOST_STEPS:g}; use a larger timestep or a shorter run"
         )
     if not scene.buoyancy.is_current:
         raise ValueError(
             "hulls, waves or options of the scene's model have changed since it was loaded, and "
-            "samples and recordings would show what it had then: make a new one by "
+            "samples and recordings would show the old ones: make a new scene with "
             "Scene.from_model(model)"
         )
 
@@ -107,29 +106,29 @@ def _samples(scene: Scene, duration: float, rate: float) -> Iterator[Sample]:
 
 
 def _advance(watch: Watch, steps: int) -> float:
-    """So many steps in one call, and the seconds that they took. Raises DivergenceError where
-    MuJoCo warns of a state."""
+    """Do a number of steps in one call, and return their wall time [s]. Raises DivergenceError if
+    MuJoCo warns of the state."""
     model, data = watch.scene.model, watch.scene.data
     start = data.time
     if not np.isfinite(start):
         name = watch.scene.buoyancy.body_names[0]
         raise DivergenceError(name, start, "time is not finite", "set data.time to a number")
-    data.warning.number[list(WARNINGS_OF_DIVERGENCE)] = 0
+    data.warning.number[list(DIVERGENCE_WARNINGS)] = 0
     started = perf_counter()
     mujoco.mj_step(model, data, steps)
     spent = perf_counter() - started
-    for warning, what in WARNINGS_OF_DIVERGENCE.items():
+    for warning, quantity in DIVERGENCE_WARNINGS.items():
         if data.warning[warning].number:
             body = _body_of(model, warning, int(data.warning[warning].lastinfo))
             is_reset = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
             since = data.time if is_reset else 0.0  # MuJoCo resets the time with the state
             time = start + steps * model.opt.timestep - since
-            raise watch.divergence(body, time, f"{what} is not finite or huge")
+            raise watch.divergence(body, time, f"{quantity} is not finite or huge")
     return spent
 
 
 def _body_of(model: mujoco.MjModel, warning: int, index: int) -> int:
-    """The body whose coordinate MuJoCo's warning points at."""
+    """The body with the coordinate of MuJoCo's warning."""
     if warning == mujoco.mjtWarning.mjWARN_BADQPOS:
         joint = int(np.searchsorted(model.jnt_qposadr, index, side="right")) - 1
         return int(model.jnt_bodyid[joint])
@@ -139,8 +138,8 @@ def _body_of(model: mujoco.MjModel, warning: int, index: int) -> int:
 def observe(
     scene: Scene, step: int = 0, step_seconds: float = 0.0, buoyancy_seconds: float = 0.0
 ) -> Sample:
-    """Sample of a scene as it stands. Updates the kinematics, which `mj_step` leaves one step
-    behind; the run itself stays the same to the bit."""
+    """A Sample of a scene's present state. Updates the kinematics, which `mj_step` leaves one step
+    behind; a run stays the same to the bit."""
     model, data, buoyancy = scene.model, scene.data, scene.buoyancy
     mujoco.mj_kinematics(model, data)
     bodies = buoyancy.bodies
@@ -185,7 +184,7 @@ class Tally:
         self._sums = np.zeros((len(scene.buoyancy.bodies), 4))
 
     def add(self, sample: Sample) -> None:
-        """Count one sample in; all samples weigh the same."""
+        """Add a sample; all samples have the same weight."""
         model, bodies = self.scene.model, self.scene.buoyancy.bodies
         weights = model.body_mass[bodies] * -model.opt.gravity[2]
         self._sums += np.column_stack(
@@ -200,23 +199,21 @@ class Tally:
         self.last = sample
 
     def bodies(self) -> dict[str, dict[str, Any]]:
-        """For each floating body: mean_height [m] of the centre of mass, mean_tilt_deg,
-        mean_submerged_fraction, mean_force_over_weight (vertical), final_position (3) [m] and
-        final_quaternion (4) of its frame. Plain numbers, ready for JSON."""
+        """For each floating body, as numbers for JSON: mean_height [m] of the centre of mass,
+        mean_tilt_deg, mean_submerged_fraction, mean_force_over_weight (vertical), final_position
+        (3) [m] and final_quaternion (4) of its frame."""
         if self.last is None:
             return {}
-        names = (
-            "mean_height",
-            "mean_tilt_deg",
-            "mean_submerged_fraction",
-            "mean_force_over_weight",
-        )
         means = self._sums / self._count
+        rows = np.hstack([means, self.last.positions, self.last.quaternions]).tolist()
         return {
-            body: dict(zip(names, means[i].tolist(), strict=True))
-            | {
-                "final_position": self.last.positions[i].tolist(),
-                "final_quaternion": self.last.quaternions[i].tolist(),
+            body: {
+                "mean_height": row[0],
+                "mean_tilt_deg": row[1],
+                "mean_submerged_fraction": row[2],
+                "mean_force_over_weight": row[3],
+                "final_position": row[4:7],
+                "final_quaternion": row[7:],
             }
-            for i, body in enumerate(self.scene.buoyancy.body_names)
+            for body, row in zip(self.scene.buoyancy.body_names, rows, strict=True)
         }

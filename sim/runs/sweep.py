@@ -1,14 +1,14 @@
 """Sweep: many runs of a scene with different settings, seeds and start times, and their results.
 
 The result has a row per run: its settings, its status, and statistics of each body's heave and
-tilt. Failed runs have rows too. Rows are saved as they are finished, so a later sweep can resume
-with the missing runs.
+tilt. Failed runs have rows too. Rows are saved as they are finished, so a later sweep can do the
+missing runs.
 """
 
 import json
 import os
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from hashlib import sha256
@@ -45,7 +45,7 @@ class Plan:
     rate: float
 
     def as_row(self) -> Row:
-        """The plan for comparison with others; a hash of the scene's files stands for the scene."""
+        """The plan for comparison with other plans, with a hash of the scene's files as scene."""
         digest = sha256()
         for path in sorted(model_files(self.scene)):
             digest.update(path.read_bytes())
@@ -64,8 +64,8 @@ class Run:
 def runs_of(settings: Sequence[str], seeds: int, starts: int) -> list[Run]:
     """All runs: every combination of the settings' values, seeds and start times.
 
-    settings: strings "NAME=VALUE,VALUE,...". seeds, starts: numbers of seeds (0 to leave the
-    scene's) and of start times. Raises ValueError for other strings.
+    settings: strings "NAME=VALUE,VALUE,...". seeds: the number of seeds, 0 to keep the scene's
+    seed. starts: the number of start times. Raises ValueError for other strings.
     """
     axes: list[list[tuple[str, str]]] = []
     for setting in settings:
@@ -109,25 +109,25 @@ def statistics_of(columns: Mapping[str, Any], bodies: Sequence[str]) -> Row:
     They are the mean, standard deviation, significant and largest height of heave [m] and tilt
     [deg], the mean time [s] between upcrossings of the heave, and the mean drift [m/s].
     """
-    found: Row = {}
+    row: Row = {}
     for body in bodies:
-        chosen = columns["body"] == body
-        times = columns["time"][chosen]
+        of_body = columns["body"] == body
+        times = columns["time"][of_body]
         for name in ("heave", "tilt_deg"):
-            values = columns[name][chosen]
+            values = columns[name][of_body]
             high = heights(times, values)
-            found |= {
+            row |= {
                 f"{body} {name} mean": float(values.mean()),
                 f"{body} {name} std": float(values.std()),
                 f"{body} {name} significant": high.significant,
                 f"{body} {name} largest": high.largest,
             }
             if name == "heave":
-                found[f"{body} upcrossing period"] = high.period
+                row[f"{body} upcrossing period"] = high.period
         for axis in "xy":
-            path = columns[axis][chosen]
-            found[f"{body} drift {axis}"] = float((path[-1] - path[0]) / (times[-1] - times[0]))
-    return found
+            path = columns[axis][of_body]
+            row[f"{body} drift {axis}"] = float((path[-1] - path[0]) / (times[-1] - times[0]))
+    return row
 
 
 @lru_cache(maxsize=4)
@@ -149,12 +149,14 @@ def check_plan(plan: Plan, run: Run) -> None:
 def kept_rows(path: Path, plan: Plan, runs: Sequence[Run]) -> list[Row]:
     """The rows that an interrupted sweep of the same runs saved in a file, after its plan.
 
-    An incomplete last row is cut off, so that more rows can be appended. Raises ValueError if the
-    rows belong to another sweep.
+    An incomplete last line is cut off, so that rows can be appended. Raises ValueError if the rows
+    belong to another sweep.
     """
     if not path.exists():
         return []
-    head, *rows = list(_whole_lines(path)) or [{}]
+    text = path.read_bytes()
+    whole = text.rfind(b"\n") + 1
+    head, *rows = [json.loads(line) for line in text[:whole].splitlines()] or [{}]
     for name, value in plan.as_row().items():
         if head and head.get(name) != value:
             raise ValueError(
@@ -164,17 +166,8 @@ def kept_rows(path: Path, plan: Plan, runs: Sequence[Run]) -> list[Row]:
         run = runs[row["run"]] if row["run"] < len(runs) else None
         if run is None or not row.items() >= {**dict(run.settings), "start": run.start}.items():
             raise ValueError(f"{path} has rows of another sweep; remove it or use its options")
-    whole = path.read_bytes().rfind(b"\n") + 1
-    if whole < path.stat().st_size:
-        os.truncate(path, whole)
+    os.truncate(path, whole)
     return rows
-
-
-def _whole_lines(path: Path) -> Iterator[Row]:
-    """The rows of a file, without an incomplete last line."""
-    for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
-        if line.endswith("\n"):
-            yield json.loads(line)
 
 
 def as_columns(rows: Sequence[Row]) -> dict[str, Any]:

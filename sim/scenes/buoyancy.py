@@ -1,4 +1,4 @@
-"""Buoyancy: the water of a model, as Python sees it.
+"""Buoyancy: the interface in Python to the water of a model.
 
 The water acts without this class: MuJoCo calls the plugin (see `plugin.seam`) in every step.
 """
@@ -20,9 +20,9 @@ from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
-FINE_FACES = 2000
-"""Number of faces above which the linear method computes the submerged volume of a hull. Below it
-patches do, because their error does not depend on the faces."""
+LINEAR_FACES = 2000
+"""Number of faces from which on the linear method computes the submerged volume of a hull. Patches
+compute it for fewer faces, because their error does not depend on the faces."""
 
 
 class Buoyancy:
@@ -32,13 +32,12 @@ class Buoyancy:
         buoyancy.sea.elevation(0.0, 0.0, data.time)
         buoyancy.wrenches(data)
 
-    sea: the sea. floats: the H hulls. bodies: (B,) ids of the bodies that they belong to, each
-    once. float_bodies: (H,) index of each hull's body in `bodies`. volumes: (B,) [m^3] of the hulls
-    of each body. has_resistance: whether any hull has drag or added mass.
+    sea: the sea. floats: the H hulls. bodies: (B,), ids of their bodies, each once. float_bodies:
+    (H,), index of each hull's body in `bodies`. volumes: (B,) [m^3], of each body's hulls.
+    has_resistance: whether any hull has drag or added mass.
 
-    Every method computes from the kinematics in the given state. `mj_step` leaves these one step
-    behind; `mj_kinematics` updates them. A method that takes a `push` computes it if it is not
-    given.
+    All methods use the kinematics in the given state. `mj_step` leaves these one step behind;
+    `mj_kinematics` updates them. `push` is the result of `push(data)`, computed if it is not given.
     """
 
     def __init__(self, model: mujoco.MjModel, context: Context) -> None:
@@ -57,7 +56,7 @@ class Buoyancy:
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Buoyancy":
         """The water of a compiled model. Raises ModelError for a model without the plugin, and for
-        a model whose hulls or waves have been changed to something impossible."""
+        invalid hulls or waves."""
         model = getattr(model, "ptr", model)  # dm_control's wrapper
         if not seam.has_water(model):
             raise ModelError(
@@ -76,13 +75,13 @@ class Buoyancy:
 
     @property
     def is_current(self) -> bool:
-        """Whether the model still describes these hulls and waves. Raises ModelError if it
-        describes impossible ones."""
+        """Whether the model still describes these hulls and waves. Raises ModelError for invalid
+        hulls or waves."""
         return seam.context_of(self.model) is self._context
 
     def calls(self, data: mujoco.MjData) -> int:
-        """How often the water has acted on a state since the state was made: once a step, or four
-        times with RK4."""
+        """The number of times that the water has acted on a state since the state was made: once
+        per step, or four times with RK4."""
         return seam.counted(data, native.CALLS)
 
     def seconds(self, data: mujoco.MjData) -> float:
@@ -122,7 +121,7 @@ class Buoyancy:
         still, made = self.sea.hydrostatic, {}
         for f in self.floats:
             hull = f.method.hull
-            kind = Patches if len(hull.faces) < FINE_FACES else Linear
+            kind = Patches if len(hull.faces) < LINEAR_FACES else Linear
             made.setdefault(id(hull), kind(hull, still))
         methods = [made[id(f.method.hull)] for f in self.floats]
         return parts_of(methods, [f.geom for f in self.floats])
@@ -142,16 +141,12 @@ class Buoyancy:
         """The user's pushes in the bodies' rows of xfrc_applied, (B, 6) [N, N m]. The rest of a row
         is the water's wrench of the last step."""
         rows = data.xfrc_applied[self.bodies]
-        found = rows.copy()
+        pushes = rows.copy()
+        movable = (np.cumsum(self.model.body_weldid != 0) - 1)[self.bodies]
         for memories in reversed(seam.memories_of(self.model, data)):
-            left, own = np.split(memories[self._memories], 2, axis=1)
-            found = np.where(rows == left, own, found)
-        return found
-
-    @property
-    def _memories(self) -> NDArray[np.int64]:
-        """The index of each body among the bodies that can move."""
-        return (np.cumsum(self.model.body_weldid != 0) - 1)[self.bodies]
+            left, own = np.split(memories[movable], 2, axis=1)
+            pushes = np.where(rows == left, own, pushes)
+        return pushes
 
     def __getstate__(self) -> NoReturn:
         raise TypeError(

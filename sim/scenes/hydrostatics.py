@@ -1,4 +1,4 @@
-"""Hydrostatics: how the bodies of a scene lie in still water."""
+"""Hydrostatics of the bodies of a scene in still water."""
 
 from collections.abc import Iterator, Sequence
 from typing import Protocol
@@ -16,15 +16,16 @@ from sim.statics.report import FloatingBody, Hydrostatics, report
 
 Array = NDArray[np.float64]
 
-TURNS_OVER = 30.0
-"""Degrees between start and rest above which there is a note."""
+NOTED_ROTATION = 30.0
+"""Angle [deg] between start and rest above which there is a note."""
 
-FAR = 4.0
-"""Sizes of a body, besides the waves' height, above which there is a note about its fall."""
+NOTED_FALL_SIZES = 4.0
+"""Height of a fall, in sizes of the body and besides the amplitude of the waves, above which there
+is a note."""
 
 
 class Afloat(Protocol):
-    """What a Scene has."""
+    """The attributes of a Scene that this module uses."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
@@ -34,23 +35,22 @@ class Afloat(Protocol):
 def hydrostatics(scene: Afloat, with_gz: bool = True) -> dict[str, Hydrostatics]:
     """Hydrostatics of each of the scene's `trees`, by the name of its root.
 
-    with_gz: whether righting arms are computed, which takes most of the time.
+    with_gz: whether to compute righting arms, which takes most of the time.
     """
     omega_h = largest_omega_h(scene.model)
     return {body.name: report(body, omega_h, with_gz) for body in trees(scene).values()}
 
 
 def largest_omega_h(model: mujoco.MjModel) -> float:
-    """Angular frequency [rad/s] times timestep [s] above which a model's integrator lets undamped
-    oscillations on the water grow. All but RK4 are like semi-implicit Euler there, because none
-    knows the water's stiffness."""
+    """Largest angular frequency [rad/s] times timestep [s] with which undamped oscillations on the
+    water do not grow. All integrators but RK4 behave like semi-implicit Euler, because none knows
+    the water's stiffness."""
     is_rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
     return 2.0 * np.sqrt(2.0) if is_rk4 else 2.0
 
 
 def notes_about_start(scene: Afloat) -> Iterator[str]:
-    """What to say about bodies that are free and will not stay as they start: they sink, turn over,
-    or are let go far from the water."""
+    """Notes about free bodies that sink, turn over, or are released far from the water."""
     model, sea = scene.model, scene.buoyancy.sea
     for root, body in trees(scene).items():
         joint = model.body_jntadr[root]
@@ -59,28 +59,28 @@ def notes_about_start(scene: Afloat) -> Iterator[str]:
         if body.at_rest is None:
             yield f"body '{body.name}' {body.reason}"
             continue
-        if body.turned > TURNS_OVER:
+        if body.turned > NOTED_ROTATION:
             yield (
                 f"body '{body.name}' will turn over: in still water it rests {body.turned:.0f} deg "
                 "from how it starts (python scripts/hydrostatics.py says how)"
             )
         above = body.start.height - body.at_rest.height
-        if abs(above) > FAR * body.size + sea.amplitude:
-            side, way = ("above", "falls") if above > 0.0 else ("below", "shoots up")
+        if abs(above) > NOTED_FALL_SIZES * body.size + sea.amplitude:
+            side, verb = ("above", "falls") if above > 0.0 else ("below", "shoots up")
             yield (
-                f"body '{body.name}' starts {abs(above):.3g} m {side} where it floats and {way} "
+                f"body '{body.name}' starts {abs(above):.3g} m {side} where it floats and {verb} "
                 "first"
             )
 
 
 def trees(scene: Afloat) -> dict[int, FloatingBody]:
-    """Each tree of bodies that floats, by the id of its root: as one rigid body, let go from the
-    scene's state as if nothing else held it. Joints inside a tree stay as they are there."""
+    """Each floating tree of bodies, by the id of its root. A tree is one rigid body, with its
+    joints as in the scene's state, and released from that state as if nothing else held it."""
     model, of_root = scene.model, {}
     with reading():  # this state needs no water
         data = mujoco.MjData(model)
-    for what in ("qpos", "mocap_pos", "mocap_quat"):
-        getattr(data, what)[:] = getattr(scene.data, what)
+    for field in ("qpos", "mocap_pos", "mocap_quat"):
+        getattr(data, field)[:] = getattr(scene.data, field)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     for f in scene.buoyancy.floats:
@@ -91,12 +91,13 @@ def trees(scene: Afloat) -> dict[int, FloatingBody]:
 def _tree(
     scene: Afloat, data: mujoco.MjData, root: int, floats: Sequence[FloatingGeom]
 ) -> FloatingBody:
-    """A tree in a state, in the axes of its root."""
+    """A tree in a state, in the axes of its root body."""
     model, sea = scene.model, scene.buoyancy.sea
     centre, rotation = data.subtree_com[root].copy(), data.xmat[root].reshape(3, 3).copy()
 
     def in_tree(matrix: Array, position: Array, axes: Array) -> Array:
-        """A matrix (6, 6) of a frame in the world as one about the tree's centre of mass."""
+        """Transform a matrix (6, 6) of a frame in the world to the tree's axes and centre of
+        mass."""
         axes = axes.reshape(3, 3).T
         return moved_matrix(matrix, axes @ (centre - position), axes @ rotation)
 
@@ -106,10 +107,10 @@ def _tree(
         inertia += in_tree(own, data.xipos[b], data.ximat[b])
     corners = []
     for f in floats:
-        place, axes, hull = data.geom_xpos[f.geom], data.geom_xmat[f.geom], f.method.hull
-        corners.append(hull.vertices[hull.faces] @ axes.reshape(3, 3).T + (place - centre))
+        position, axes, hull = data.geom_xpos[f.geom], data.geom_xmat[f.geom], f.method.hull
+        corners.append(hull.vertices[hull.faces] @ axes.reshape(3, 3).T + (position - centre))
         if f.drag is not None and f.drag.added_mass is not None:
-            added_mass += in_tree(f.drag.added_mass, place, axes)
+            added_mass += in_tree(f.drag.added_mass, position, axes)
     return FloatingBody(
         corners=np.concatenate(corners) @ rotation,
         mass=float(model.body_subtreemass[root]),

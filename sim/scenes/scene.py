@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim.mjcf.faults import ModelError, say
 from sim.mjcf.floats import first_state
-from sim.mjcf.notes import notes_about_places
+from sim.mjcf.notes import notes_about_positions
 from sim.scenes.buoyancy import Buoyancy
 from sim.scenes.hydrostatics import hydrostatics, notes_about_start
 from sim.scenes.settings import Settings, override, set_sea
@@ -33,12 +33,12 @@ class Scene:
     def rest_heights(self) -> NDArray[np.float64]:
         """Heights (B,) [m] above the still level at which the origins of the floating bodies rest.
         They are computed once, from the state at the first access. A body without a rest, or with a
-        parent, keeps the height that it has in that state."""
-        found = hydrostatics(self, with_gz=False)
+        parent, keeps its height in that state."""
+        reports = hydrostatics(self, with_gz=False)
         heights = self.data.xpos[self.buoyancy.bodies, 2].copy()
         for i, name in enumerate(self.buoyancy.body_names):
-            if name in found and found[name].rest is not None:
-                heights[i] = found[name].rest.height_m
+            if name in reports and reports[name].rest is not None:
+                heights[i] = reports[name].rest.height_m
         return heights - self.buoyancy.sea.level
 
     @classmethod
@@ -56,19 +56,19 @@ class Scene:
         """Compile an MJCF file or an MjSpec, and put it into a keyframe.
 
         settings: custom fields that override the file's, as a mapping of names to numbers or texts,
-        or as "NAME=VALUE" strings (see `settings`). sea: replaces the water that the file
-        describes. densities [kg/m^3]: of geoms, by name. timestep [s]: overrides the file's.
-        keyframe: the name of the start; by default the first keyframe, if there is one.
+        or as "NAME=VALUE" strings (see `settings`). sea: replaces the file's sea. densities
+        [kg/m^3]: of geoms, by name. timestep [s]: overrides the file's. keyframe: the name of the
+        start; by default the first keyframe, if there is one.
 
-        The file stays as it is. A model without the plugin gets it. Raises FileNotFoundError, or
-        ModelError with everything that is wrong. Warns by a Note of what the user probably did not
-        intend, of bodies that will not stay where they start, and of a timestep that is too long.
+        The file is not changed. A model without the plugin gets it. Raises FileNotFoundError, or
+        ModelError with all faults. Notes warn of likely mistakes, of bodies that will not stay
+        where they start, and of a timestep that is too long.
         """
         is_file = not isinstance(source, mujoco.MjSpec)
         spec = read_spec(Path(source)) if is_file else source
         name = name or (Path(source).stem if is_file else "scene")
         try:
-            _make_dense(spec, densities or {})
+            _set_densities(spec, densities or {})
             if timestep is not None:
                 if not (np.isfinite(timestep) and timestep > 0):
                     raise ValueError(f"the timestep is {timestep} s; it must be finite and above 0")
@@ -92,13 +92,13 @@ class Scene:
         mujoco.mj_forward(model, data)
         scene = cls(name, model, data, buoyancy)
         notes = [*notes_about_start(scene), *notes_about_timestep(scene)]
-        if keyframe is not None:  # the plugin has looked at the first keyframe
-            notes = [*notes_about_places(model, data, buoyancy.sea, buoyancy.floats), *notes]
+        if keyframe is not None:  # the plugin has checked the first keyframe
+            notes = [*notes_about_positions(model, data, buoyancy.sea, buoyancy.floats), *notes]
         say(notes)
         return scene
 
 
-def _make_dense(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:
+def _set_densities(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:
     """Set the densities [kg/m^3] of geoms. Raises ModelError."""
     for name, density in densities.items():
         geom = spec.geom(name)
@@ -109,4 +109,4 @@ def _make_dense(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:
             raise ModelError(
                 [f"density: the body of geom '{name}' has an <inertial> of its own; remove it"]
             )
-        geom.density, geom.mass = density, np.nan  # NaN: by the density
+        geom.density, geom.mass = density, np.nan  # NaN: computed from the density

@@ -2,7 +2,7 @@
 
     settings={"wave_swell": (0.2, 4, 0, 0), "buoyancy_method": "linear"}
     settings=["wave_swell=0.2 4 0 0", "buoyancy_method=linear"]        as on the command line
-    wave_swell.amplitude=0.2        one number of a field, by its name with _ for blanks
+    wave_swell.amplitude=0.2        one number of a field, by its name with _ for spaces
     seed=3                          the seed of every irregular sea
 
 A name may begin with the prefix of an attached model: "boat/buoyancy_method".
@@ -38,8 +38,8 @@ SEED = "seed"
 
 
 def override(spec: mujoco.MjSpec, settings: Settings) -> None:
-    """Change the custom fields of a spec. A file that a setting names is looked for in the current
-    folder. Raises ModelError with all settings that cannot be followed."""
+    """Change the custom fields of a spec. Paths in settings are relative to the current folder.
+    Raises ModelError with the faults of all settings."""
     if isinstance(settings, Mapping):
         given = [(f"field '{name}'", name, value) for name, value in settings.items()]
     else:
@@ -47,39 +47,39 @@ def override(spec: mujoco.MjSpec, settings: Settings) -> None:
             (f"setting '{text}'", *map(str.strip, text.partition("=")[::2])) for text in settings
         ]
     faults, changes = Faults(), _Changes(spec)
-    prefixes = prefixes_of(each.name for each in spec.tuples)
-    for said, name, value in given:
+    prefixes = prefixes_of(listing.name for listing in spec.tuples)
+    for label, name, value in given:
         with faults.collected():
             if not name or (isinstance(value, str) and not value):
-                raise ValueError(f"{said}: expected NAME=VALUE")
+                raise ValueError(f"{label}: expected NAME=VALUE")
             prefix = next((p for p in prefixes[::-1] if name.startswith(p)), "")
             try:
                 changes.add(prefix, name.removeprefix(prefix), value)
             except ValueError as error:
-                raise ValueError(f"{said}: {error}") from None
+                raise ValueError(f"{label}: {error}") from None
     faults.refuse()
     changes.write()
 
 
 def set_sea(spec: mujoco.MjSpec, sea: Sea) -> None:
-    """Replace all fields of a spec that describe water by those of a sea. Raises ValueError for a
-    sea with another gravity than the model's."""
+    """Replace all fields of a spec that describe the water by the fields of a sea. Raises
+    ValueError if the sea's gravity is not the model's."""
     gravity = -float(spec.option.gravity[2])
     if sea.gravity != gravity:
         raise ValueError(
             f"the sea's gravity is {sea.gravity:g} and the model's {gravity:g} m/s^2; make the sea "
             "with the model's"
         )
-    prefixes = prefixes_of(each.name for each in spec.tuples)
-    water = tuple(prefix + each for prefix in prefixes for each in WATER_PREFIXES)
+    prefixes = prefixes_of(listing.name for listing in spec.tuples)
+    beginnings = tuple(prefix + water for prefix in prefixes for water in WATER_PREFIXES)
     for element in [*spec.numerics, *spec.texts]:
-        if element.name.startswith(water) and element.name != "water_drawn":
+        if element.name.startswith(beginnings) and element.name != "water_drawn":
             spec.delete(element)
     override(spec, fields_of(sea))
 
 
 class _Changes:
-    """Changes to the fields of a spec, which `write` puts there once all of them are known."""
+    """Changes to the fields of a spec, which `write` makes."""
 
     def __init__(self, spec: mujoco.MjSpec) -> None:
         self._spec = spec
@@ -89,19 +89,20 @@ class _Changes:
 
     def add(self, prefix: str, name: str, value: ArrayLike | str) -> None:
         """Change a text, a numeric, or one number of a numeric. Raises ValueError."""
-        base, dot, part = name.partition(".")
+        field, dot, number = name.partition(".")
         if name == SEED:
-            seas = [n for n in self._numerics if SEED in _parts(n)]
+            seas = [n for n in self._numerics if SEED in _number_names(n)]
             if not seas:
                 raise ValueError("the scene has no irregular sea (sea_<name>) that takes a seed")
             for sea in seas:
-                self._set("", sea, _with_part(self._numerics[sea], sea, SEED, value))
+                self._set("", sea, _with_number(self._numerics[sea], sea, SEED, value))
         elif dot:
             known = [n.removeprefix(prefix) for n in self._numerics if n.startswith(prefix)]
-            if base not in known:
+            if field not in known:
                 has = ", ".join(known) or "none"
-                raise ValueError(f"the scene has no numeric '{base}'; it has {has}")
-            self._set(prefix, base, _with_part(self._numerics[prefix + base], base, part, value))
+                raise ValueError(f"the scene has no numeric '{field}'; it has {has}")
+            values = self._numerics[prefix + field]
+            self._set(prefix, field, _with_number(values, field, number, value))
         elif _is_text(name, value):
             is_path = name in (COMPONENTS, RECORD)
             self._texts[prefix + name] = str(Path(value).absolute()) if is_path else value
@@ -125,8 +126,8 @@ class _Changes:
 
 
 def _is_text(name: str, value: ArrayLike | str) -> bool:
-    """Whether a setting is for a text. `sea_record` is a text and a numeric: a row of numbers is
-    for the numeric."""
+    """Whether a setting changes a text. `sea_record` is both a text and a numeric; a row of numbers
+    changes the numeric."""
     if text_base(name) is None:
         return False
     if numeric_base(name) is None:
@@ -149,23 +150,22 @@ def _row(value: ArrayLike | str) -> Array:
         raise ValueError(f"'{value}' is not a row of numbers") from None
 
 
-def _with_part(values: Array, name: str, part: str, value: ArrayLike | str) -> Array:
-    """The numbers of a numeric with another value for the one that `part` names."""
-    parts, numbers = _parts(name), _row(value)
-    if part not in parts or numbers.size != 1:
-        raise ValueError(f"'{name}' has the parts {', '.join(parts)}, each of one number")
-    filled = np.array(NUMERICS[numeric_base(name)].filled(values))
-    filled[parts.index(part)] = numbers[0]
+def _with_number(values: Array, field: str, number: str, value: ArrayLike | str) -> Array:
+    """The numbers of a numeric field, with another value for one of them."""
+    names, row = _number_names(field), _row(value)
+    if number not in names or row.size != 1:
+        raise ValueError(f"'{field}' has the numbers {', '.join(names)}; set one to one number")
+    filled = np.array(NUMERICS[numeric_base(field)].filled(values))
+    filled[names.index(number)] = row[0]
     return filled
 
 
-def _parts(name: str) -> list[str]:
-    """Names of the numbers of a numeric, as settings write them."""
-    base = numeric_base(name)
-    field = None if base is None else NUMERICS[base]
-    if field is None or field.counts:
+def _number_names(field: str) -> list[str]:
+    """Names of the numbers of a numeric field, as settings write them."""
+    base = numeric_base(field)
+    if base is None or NUMERICS[base].counts:
         return []
-    return [number.name.replace(" ", "_") for number in field.numbers]
+    return [number.name.replace(" ", "_") for number in NUMERICS[base].numbers]
 
 
 def _numbers_of(numeric: mujoco.MjsNumeric) -> Array:

@@ -1,4 +1,4 @@
-"""Spec: water in a model that is not compiled yet (MuJoCo's MjSpec)."""
+"""Spec: adds water to a model that is not compiled yet (MuJoCo's MjSpec)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,15 +18,15 @@ BODY = mujoco.mjtObj.mjOBJ_BODY
 def add_water(
     source: mujoco.MjSpec | str | Path, *bodies: str, **fields: ArrayLike | str
 ) -> mujoco.MjSpec:
-    """Put a model that somebody else wrote into the water.
+    """Add water to any model.
 
         spec = sim.add_water("ant.xml", "torso", wave_swell=(0.1, 4, 0, 0), drag=(0.2, 1, 0.005))
         model = spec.compile()
 
-    source: an MjSpec, which is changed, or the path of an MJCF or URDF file, which stays as it is.
-    bodies: names of the bodies that float, each with its subtree. A body that is fixed in the
-    world, as the base of a URDF is, gets a free joint. fields: custom fields by name (see
-    `mjcf.fields`), as numbers or texts. They replace the model's. Returns the spec. Raises
+    source: an MjSpec, which is changed, or the path of an MJCF or URDF file, which is not changed.
+    bodies: names of the bodies that float, each with its subtree. A body that is fixed to the
+    world, like the base of a URDF, gets a free joint. fields: custom fields by name (see
+    `mjcf.fields`), as numbers or texts; they replace the model's. Returns the spec. Raises
     FileNotFoundError, or ModelError with all faults.
     """
     spec = source if isinstance(source, mujoco.MjSpec) else read_spec(Path(source))
@@ -54,8 +54,8 @@ def _body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
 
 
 def read_spec(path: Path) -> mujoco.MjSpec:
-    """The MjSpec of an MJCF or URDF file. Files that its fields name are looked for beside it.
-    Raises FileNotFoundError, or ValueError for a file that MuJoCo cannot read."""
+    """The MjSpec of an MJCF or URDF file. Paths in its fields are relative to its folder. Raises
+    FileNotFoundError, or ValueError for a file that MuJoCo cannot read."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no scene file {path}; give the path of an MJCF file")
     try:
@@ -81,8 +81,8 @@ def with_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
 
 
 def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compile a spec. Raises ModelError with all faults of its water, or ValueError for what MuJoCo
-    refuses."""
+    """Compile a spec. Raises ModelError with all faults of its water, or ValueError if MuJoCo
+    refuses it."""
     try:
         with refusals_raised():
             return spec.compile()
@@ -100,9 +100,9 @@ def _reason(error: ValueError) -> str:
 def _list(spec: mujoco.MjSpec, bodies: Sequence[str]) -> None:
     """Add bodies to the tuple `buoyant`."""
     kinds, names = [], []
-    for found in [t for t in spec.tuples if t.name == BUOYANT]:
-        kinds, names = list(found.objtype), list(found.objname)
-        spec.delete(found)
+    for listing in [t for t in spec.tuples if t.name == BUOYANT]:
+        kinds, names = list(listing.objtype), list(listing.objname)
+        spec.delete(listing)
     listed = set(zip(kinds, names, strict=True))
     new = [body for body in bodies if (int(BODY), body) not in listed]
     spec.add_tuple(

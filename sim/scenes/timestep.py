@@ -1,8 +1,8 @@
-"""Timestep: which bodies the water moves too fast for it.
+"""Timestep: finds the bodies for which the timestep is too long.
 
-The water is a spring, and no integrator of MuJoCo knows its stiffness. An integrator keeps an
-oscillation from growing only for timestep * omega below a limit. A body beyond the limit gains
-energy each time it meets the water and may be thrown kilometres high, with every number finite.
+The water is a spring, and no integrator of MuJoCo knows its stiffness. An oscillation does not grow
+only if timestep * omega is below the integrator's limit. A body beyond the limit gains energy each
+time it meets the water and may be thrown kilometres high, with every number finite.
 """
 
 from collections.abc import Iterator
@@ -17,23 +17,23 @@ from sim.plugin.refusals import reading
 from sim.scenes.hydrostatics import Afloat, largest_omega_h
 
 SAFE_SHARE = 0.75
-"""Share of the integrator's limit that is safe: balls, plates, boxes and capsules that are dropped
-into the water gain hardly any energy up to it. Capsules fly from 0.8 on, balls from 0.9 on."""
+"""Share of the integrator's limit that is safe. Balls, plates, boxes and capsules that are dropped
+into the water gain hardly any energy up to it. Capsules fly up from 0.8 on, balls from 0.9 on."""
 
 ADVISED_SHARE = 0.5
 """Share of the longest safe timestep that is advised. Rounded to one digit it is still safe."""
 
 WET_SHARE = 0.5
-"""Largest share of the added mass that counts, as of a hull half under water. Less counts for what
-floats higher: as much as at rest."""
+"""Largest share of the added mass that counts: the share of a hull that is half under water. A body
+that floats higher has its share at rest."""
 
 
 @dataclass(frozen=True)
 class UnstableBody:
-    """A body, with all that is welded to it, whose oscillation on the water grows.
+    """A body, with all bodies welded to it, whose oscillation on the water grows.
 
-    lift: buoyancy under water over weight; reach [m]: the largest distance of its hulls' surfaces
-    from its centre of mass; remedy: the fault and what to do.
+    lift: buoyancy under water over weight. reach [m]: the largest distance of its hulls' surfaces
+    from its centre of mass. remedy: the fault and what to do.
     """
 
     body: int
@@ -45,7 +45,7 @@ class UnstableBody:
 def unstable_bodies(scene: Afloat) -> Iterator[UnstableBody]:
     """The bodies for which the scene's timestep is too long."""
     model = scene.model
-    with reading():  # no water is asked of it
+    with reading():  # this state needs no water
         data = mujoco.MjData(model)
     for update in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_crb, mujoco.mj_factorM):
         update(model, data)
@@ -61,11 +61,11 @@ def unstable_bodies(scene: Afloat) -> Iterator[UnstableBody]:
         if model.opt.timestep * omega <= limit:
             continue
         geoms = [geom for f in floats for geom in f.geoms]
-        away = np.linalg.norm(data.geom_xpos[geoms] - data.xipos[body], axis=1)
+        distances = np.linalg.norm(data.geom_xpos[geoms] - data.xipos[body], axis=1)
         yield UnstableBody(
             body,
             lift,
-            reach=float((away + model.geom_rbound[geoms]).max()),
+            reach=float((distances + model.geom_rbound[geoms]).max()),
             remedy=(
                 f"a timestep of {model.opt.timestep:g} s is too long for its fastest motion on the "
                 f"water, with a period of {2.0 * np.pi / omega:.2g} s; use "
@@ -75,40 +75,42 @@ def unstable_bodies(scene: Afloat) -> Iterator[UnstableBody]:
 
 
 def notes_about_timestep(scene: Afloat) -> Iterator[str]:
-    """What is to be said of a timestep that is too long."""
-    for found in unstable_bodies(scene):
-        yield f"body '{body_label(scene.model, found.body)}': {found.remedy}"
+    """Notes about bodies for which the timestep is too long."""
+    for unstable in unstable_bodies(scene):
+        yield f"body '{body_label(scene.model, unstable.body)}': {unstable.remedy}"
 
 
 def _fastest(
     scene: Afloat, data: mujoco.MjData, body: int, floats: list[FloatingGeom], wet_share: float
 ) -> float:
-    """Largest angular frequency [rad/s] of a body in heave, roll and pitch, held by its joints.
+    """Largest angular frequency [rad/s] of a body in heave, roll and pitch, as its joints allow.
 
-    The water is stiffest where a hull is half under it, and its waterplane is its outline from
-    above. The body may turn over, so the outlines along all three axes count. wet_share: of the
-    added mass that counts.
+    The water is stiffest when a hull is half under it; its waterplane is then its outline from
+    above. The body may turn over, so the outlines along all three axes count. wet_share: the share
+    of the added mass that counts.
     """
     model, sea, centre = scene.model, scene.buoyancy.sea, data.xipos[body]
     stiffnesses, added = np.zeros((3, 6, 6)), np.zeros((6, 6))
     for f in floats:
-        hull, turn = f.method.hull, data.geom_xmat[f.geom].reshape(3, 3)
+        hull, rotation = f.method.hull, data.geom_xmat[f.geom].reshape(3, 3)
         arm, corners = data.geom_xpos[f.geom] - centre, hull.vertices[hull.faces]
-        mid_edges = (0.5 * (corners + np.roll(corners, 1, axis=1))).reshape(-1, 3) @ turn.T + arm
+        mid_edges = (0.5 * (corners + np.roll(corners, 1, axis=1))).reshape(-1, 3)
+        mid_edges = mid_edges @ rotation.T + arm
         points = np.column_stack([mid_edges, np.ones(len(mid_edges))])
-        middle = turn @ hull.centroid + arm
+        centroid = rotation @ hull.centroid + arm
         for axis, stiffness in zip(np.eye(3), stiffnesses, strict=True):
-            outline = np.abs(hull.area_vectors @ turn.T @ axis).repeat(3) / 6.0  # it has two sides
+            # each edge midpoint has a third of its face; both sides of the hull cover the outline
+            outline = np.abs(hull.area_vectors @ rotation.T @ axis).repeat(3) / 6.0
             moments = sea.density * sea.gravity * f.displaced * (points.T * outline) @ points
-            rises = np.zeros((6, 4))  # of a point, as the body moves in each of six ways
+            rises = np.zeros((6, 4))  # of a point, in each of the body's six motions
             rises[:3, 3], rises[3:, :3] = axis, np.cross(np.eye(3), axis).T
             stiffness += rises @ moments @ rises.T
             # the centre of buoyancy lies below the waterplane, which makes the body turn over
-            depth = np.append(axis, -axis @ middle)
+            depth = np.append(axis, -axis @ centroid)
             across = np.eye(3) - np.outer(axis, axis)
             stiffness[3:, 3:] -= 0.5 * (depth @ moments @ depth) * across
         if f.drag is not None and f.drag.added_mass is not None:
-            added += wet_share * moved_matrix(f.drag.added_mass, turn.T @ -arm, turn.T)
+            added += wet_share * moved_matrix(f.drag.added_mass, rotation.T @ -arm, rotation.T)
     jacobian, response = np.zeros((2, 6, model.nv))
     mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], centre, body)
     mujoco.mj_solveM(model, data, response, jacobian)

@@ -1,10 +1,10 @@
 """Equilibrium: how a rigid body lies in still water.
 
 The potential energy of the body and of the water that it displaces is a function of the body's
-height and of its rotation about two horizontal axes. Its gradient, the wrench that is left, and its
-second derivatives, the hydrostatic stiffness, are known in closed form, so Newton's method finds a
-minimum. Along directions in which the energy falls off (an upright body that would capsize) a step
-goes downhill. The body finds a rest from any way up.
+height and of its rotation about two horizontal axes. Its gradient (the net wrench) and its second
+derivatives (the hydrostatic stiffness) are known in closed form, so Newton's method finds a
+minimum. In directions of negative curvature, for example of a body that capsizes, a step goes
+downhill. So a rest is found from any rotation.
 
 Source: Newman 1977, 6.16, for the stiffness; Nocedal and Wright 2006, 3.4, for Newton's method with
 the moduli of the eigenvalues.
@@ -23,22 +23,23 @@ from sim.statics.wetted import Wetted, wetted_part
 Array = NDArray[np.float64]
 
 LARGEST_STEP = 0.3
-"""The most that a step may turn [rad], and rise in sizes of the body."""
+"""Largest rotation [rad] in a step, and largest rise as a share of the body's size."""
 
-AT_REST = 1e-11
-"""Share of the weight, and of weight times size, below which a force and a torque are round-off."""
+ROUND_OFF_SHARE = 1e-11
+"""Share of the weight, and of weight times size: a smaller force or torque is round-off."""
 
-FALLS_OFF = 1e-9
-"""Share of weight times size: with a stiffness below minus this, a body turns over."""
+UNSTABLE_SHARE = 1e-9
+"""Share of weight times size: an equilibrium with a stiffness below minus this is unstable."""
 
-NUDGE = 0.02
-"""Radians by which a body is pushed out of an equilibrium that is not stable."""
+NUDGE_ANGLE = 0.02
+"""Angle [rad] by which a body is moved out of an unstable equilibrium."""
 
 MOST_STEPS = 400
+"""Largest number of Newton steps."""
 
 
 class Attitude(NamedTuple):
-    """height [m] of the centre of mass above the water; rotation (3, 3), body -> world."""
+    """height [m]: of the centre of mass above the water. rotation: (3, 3), body -> world."""
 
     height: float
     rotation: Array
@@ -48,8 +49,8 @@ class Attitude(NamedTuple):
 class RigidFloat:
     """A rigid body in still water.
 
-    corners: (F, 3, 3) [m] of the triangles of its hulls, about its centre of mass; mass [kg]; the
-    water's density [kg/m^3]; gravity [m/s^2]; displaced: the volume that a hull displaces over the
+    corners: (F, 3, 3) [m], the triangles of its hulls, about its centre of mass. mass [kg]. density
+    [kg/m^3]: of the water. gravity [m/s^2]. displaced: the volume that a hull displaces over the
     volume that it encloses, (F,) for the hull of each triangle, or one number.
     """
 
@@ -80,12 +81,12 @@ class RigidFloat:
         return np.full(len(self.corners), self.displaced, dtype=float)
 
     def placed(self, attitude: Attitude) -> Array:
-        """Corners (F, 3, 3) [m] in world axes, from the point of the water's surface above or below
-        the centre of mass."""
+        """Corners (F, 3, 3) [m] in world axes. The origin is the point of the water's surface above
+        or below the centre of mass."""
         return self.corners @ attitude.rotation.T + [0.0, 0.0, attitude.height]
 
     def wetted(self, attitude: Attitude) -> Wetted:
-        """What is under water, in the axes of `placed`."""
+        """The wetted part, in the axes and with the origin of `placed`."""
         return wetted_part(self.corners, self.shares, attitude.rotation, attitude.height)
 
     def stiffness(self, attitude: Attitude, wetted: Wetted) -> Array:
@@ -99,7 +100,7 @@ class RigidFloat:
         return self.density * self.gravity * k
 
     def pull(self, wetted: Wetted) -> Array:
-        """What is left of weight and buoyancy (3,): force up [N], torques about x and y [N m]."""
+        """Sum (3,) of weight and buoyancy: upward force [N], torques about x and y [N m]."""
         rho_g, (x, y, _) = self.density * self.gravity, wetted.moment
         return np.array([rho_g * wetted.volume - self.weight, rho_g * y, -rho_g * x])
 
@@ -109,7 +110,7 @@ class RigidFloat:
 
 
 def afloat(body: RigidFloat, rotation: Array) -> Attitude:
-    """The attitude in this rotation in which a body displaces its mass. It must not sink."""
+    """The attitude with a rotation (3, 3) in which a body displaces its mass. It must not sink."""
     ups = (body.corners @ rotation.T)[:, :, 2]
     low, high = -float(ups.max()), -float(ups.min())
     height, wanted = 0.5 * (low + high), body.mass / body.density
@@ -125,8 +126,8 @@ def afloat(body: RigidFloat, rotation: Array) -> Attitude:
 
 
 def rest(body: RigidFloat, rotation: Array, axes: str = "xy") -> Attitude:
-    """The attitude in which a body comes to rest that is let go in a rotation (3, 3), free to rise
-    and to turn about these axes of the world. It must not sink."""
+    """The attitude in which a body comes to rest after it is released in a rotation (3, 3), free in
+    heave and in rotation about `axes` of the world. It must not sink."""
     free = [0] + [1 + "xy".index(axis) for axis in axes]
     scale = np.array([body.size, 1.0, 1.0])[free]
     unit, squares = body.weight * body.size, np.outer(scale, scale)
@@ -136,10 +137,10 @@ def rest(body: RigidFloat, rotation: Array, axes: str = "xy") -> Attitude:
         pull = body.pull(wetted)[free] * scale / unit
         stiffness = body.stiffness(attitude, wetted)[np.ix_(free, free)] * squares / unit
         values, vectors = np.linalg.eigh(stiffness)
-        if np.abs(pull).max() < AT_REST:
-            if values[0] >= -FALLS_OFF:
+        if np.abs(pull).max() < ROUND_OFF_SHARE:
+            if values[0] >= -UNSTABLE_SHARE:
                 break
-            attitude = _moved(attitude, free, scale * NUDGE * vectors[:, 0])
+            attitude = _moved(attitude, free, scale * NUDGE_ANGLE * vectors[:, 0])
             wetted = body.wetted(attitude)
             continue
         step = vectors @ (vectors.T @ pull / np.maximum(np.abs(values), 1e-6))
@@ -154,21 +155,21 @@ def rest(body: RigidFloat, rotation: Array, axes: str = "xy") -> Attitude:
 def _downhill(
     body: RigidFloat, attitude: Attitude, wetted: Wetted, free: list[int], step: Array
 ) -> tuple[Attitude, Wetted] | None:
-    """The attitude after a step, or a part of it, that lowers the energy, and what is wetted there;
-    None where round-off lets none do so."""
+    """The attitude and its Wetted after a step, halved until it lowers the energy; None if
+    round-off prevents that."""
     energy, allowed = body.energy(attitude, wetted), 1e-14 * body.weight * body.size
     for _ in range(30):
         moved = _moved(attitude, free, step)
-        found = body.wetted(moved)
-        if body.energy(moved, found) <= energy + allowed:
-            return moved, found
+        moved_wetted = body.wetted(moved)
+        if body.energy(moved, moved_wetted) <= energy + allowed:
+            return moved, moved_wetted
         step = 0.5 * step
     return None
 
 
 def _moved(attitude: Attitude, free: list[int], step: Array) -> Attitude:
     """An attitude after a step (height [m], rotations [rad]) in its free directions."""
-    whole = np.zeros(3)
-    whole[free] = step
-    turn = rotation_about(np.array([whole[1], whole[2], 0.0]))
-    return Attitude(attitude.height + whole[0], turn @ attitude.rotation)
+    change = np.zeros(3)
+    change[free] = step
+    rotation = rotation_about(np.array([change[1], change[2], 0.0]))
+    return Attitude(attitude.height + change[0], rotation @ attitude.rotation)

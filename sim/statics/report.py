@@ -1,4 +1,4 @@
-"""Report: how a body rests in still water, in the terms of naval architects."""
+"""Report: the hydrostatics of a body in the terms of naval architects."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,36 +15,37 @@ from sim.statics.wetted import Wetted
 
 Array = NDArray[np.float64]
 
-FURTHEST_HEEL = 175.0
-"""Degrees of heel up to which a righting arm may vanish."""
+LARGEST_HEEL = 175.0
+"""Heel [deg] up to which righting arms are computed, to find where they vanish."""
 
-RESTORED = 1e-9
-"""Share of the weight [N] below which a stiffness [N/m, N m] is round-off."""
+ROUND_OFF_SHARE = 1e-9
+"""Share of the weight [N]: a smaller stiffness [N/m, N m] is round-off."""
 
 MOST_RESTS = 1000
-"""Rests that are kept in `_RESTS`."""
+"""Largest number of attitudes in `_RESTS`."""
 
 _RESTS: dict[bytes, Attitude] = {}
-"""Rests by a digest of everything that they depend on: each is searched for once, for notes,
-reports, recordings and bodies that are alike."""
+"""Attitudes at rest by a digest of everything that they depend on. Notes, reports, recordings and
+equal bodies share them."""
 
 
 @dataclass(frozen=True)
 class Rest:
     """A body at rest in still water.
 
-    Axes: x along the bow (the body's x axis, seen from above), y to port, z up. Heel is a rotation
-    about x, starboard down, and trim one about y, bow down; both from the body's own axes. height
-    is the height of the body's origin. K is the lowest point of the hulls. The centres of buoyancy,
-    lcb and tcb, and of the waterplane, lcf and tcf, lie ahead and to port of the body's origin.
-    stiffness and added_mass (6, 6) are about the centre of mass, along the axes above, in the order
-    surge, sway, heave, roll, pitch, yaw.
+    Axes: x along the bow (the body's x axis, seen from above), y to port, z up. heel is a rotation
+    about x, starboard down; trim is a rotation about y, bow down. height is the height of the
+    body's origin. K is the lowest point of the hulls. The centres of buoyancy (lcb, tcb) and of the
+    waterplane (lcf, tcf) are measured ahead and to port from the body's origin. stiffness and
+    added_mass (6, 6) are about the centre of mass, along the axes above, in the order surge, sway,
+    heave, roll, pitch, yaw.
 
-    What may be None: all about the waterplane (lwl, bwl: its length and breadth; cb, cwp: block and
-    waterplane coefficient), of a body that is wholly under water; the period of each motion by
-    itself, where nothing restores it; largest_timestep, at which the stiffest oscillation begins to
-    grow, where nothing oscillates; gz, heels [deg] from the rest and righting arms [m], free to
-    sink and trim, where they were not asked for; vanishing, where they never vanish.
+    These may be None: the waterplane's lcf, tcf, length lwl, breadth bwl, block coefficient cb and
+    waterplane coefficient cwp, if the body is wholly under water; the period of each uncoupled
+    motion, if nothing restores it; largest_timestep, at which the stiffest oscillation begins to
+    grow, if nothing oscillates; gz, rows of heel [deg] from the rest and righting arm [m], free to
+    sink and trim, if it was not asked for; vanishing, the heel at which gz vanishes, if there is
+    none.
     """
 
     draught_m: float
@@ -82,8 +83,8 @@ class Rest:
 
 @dataclass(frozen=True)
 class Hydrostatics:
-    """What is known of a floating body with everything that hangs on it, and how it rests, or else
-    the reason why it does not."""
+    """The hydrostatics of a tree of bodies. rest: None if it does not come to rest; reason says
+    why."""
 
     name: str
     mass_kg: float
@@ -93,19 +94,19 @@ class Hydrostatics:
     reason: str
 
     def flat(self) -> dict[str, Any]:
-        """All figures on one level, by their names, and the reason where there is one."""
-        known = dict(vars(self), sinks=self.relative_density >= 1.0)
-        rest, reason = known.pop("rest"), known.pop("reason")
-        return known | (vars(rest) if rest else {"reason": reason})
+        """All figures of the body and its rest by name, or the reason instead of the rest."""
+        figures = dict(vars(self), sinks=self.relative_density >= 1.0)
+        rest, reason = figures.pop("rest"), figures.pop("reason")
+        return figures | (vars(rest) if rest else {"reason": reason})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FloatingBody(RigidFloat):
-    """A RigidFloat that is let go in still water. Its arrays are in its own axes.
+    """A RigidFloat that is released in still water. Its arrays are in the body's axes.
 
-    origin: (3,) [m] of its frame, from the centre of mass; inertia, added_mass: (6, 6) about the
-    centre of mass, the added mass of the whole body under water; start: how it starts; level [m]:
-    the water's height in the world.
+    origin: (3,) [m], of its frame, from the centre of mass. inertia, added_mass: (6, 6), about the
+    centre of mass; the added mass is that of the whole body under water. start: its attitude at the
+    release. level [m]: the water's height in the world.
     """
 
     name: str
@@ -117,7 +118,7 @@ class FloatingBody(RigidFloat):
 
     @property
     def reason(self) -> str:
-        """Why it does not come to rest; "" where it does."""
+        """Why it does not come to rest; "" if it does."""
         most = self.density * self.volume
         if self.mass < most:
             return ""
@@ -125,20 +126,19 @@ class FloatingBody(RigidFloat):
 
     @cached_property
     def at_rest(self) -> Attitude | None:
-        """How it rests, its bow along the world's x axis; None where there is a reason why not."""
+        """Its attitude at rest, with the bow along the world's x axis; None if it has a
+        `reason`."""
         if self.reason:
             return None
         ahead = bow_ahead(self.start.rotation)
-        depends_on = self.corners, self.shares, [self.mass, self.density, self.gravity], ahead
-        key = sha256(b"".join(np.asarray(part).tobytes() for part in depends_on)).digest()
-        found = _RESTS.get(key)
-        if found is None:
+        inputs = self.corners, self.shares, [self.mass, self.density, self.gravity], ahead
+        key = sha256(b"".join(np.asarray(values).tobytes() for values in inputs)).digest()
+        if key not in _RESTS:
             height, rotation = rest(self, ahead)
-            found = Attitude(height, bow_ahead(rotation))
             if len(_RESTS) >= MOST_RESTS:
                 _RESTS.clear()
-            _RESTS[key] = found
-        return found
+            _RESTS[key] = Attitude(height, bow_ahead(rotation))
+        return _RESTS[key]
 
     @property
     def turned(self) -> float:
@@ -148,9 +148,9 @@ class FloatingBody(RigidFloat):
 
 
 def report(body: FloatingBody, omega_h: float, with_gz: bool = True) -> Hydrostatics:
-    """The Hydrostatics of a body. omega_h: angular frequency [rad/s] times timestep [s] above which
-    an undamped oscillation grows. with_gz: whether righting arms are computed, which takes most of
-    the time."""
+    """The Hydrostatics of a body. omega_h: limit of angular frequency [rad/s] times timestep [s]
+    above which an undamped oscillation grows. with_gz: whether to compute righting arms, which
+    takes most of the time."""
     rest, attitude = None, body.at_rest
     if attitude is not None:
         wetted = body.wetted(attitude)
@@ -164,22 +164,22 @@ def report(body: FloatingBody, omega_h: float, with_gz: bool = True) -> Hydrosta
 
 
 def heel_and_trim(up: Array) -> tuple[Array, Array]:
-    """Heel and trim [rad] of bodies in whose axes the vertical is (..., 3): first heeled about the
-    bow, then trimmed about the horizontal."""
+    """Heel and trim [rad] of bodies from the vertical (..., 3) in their axes: first the heel about
+    the bow, then the trim about the horizontal."""
     trim = -np.arcsin(np.clip(up[..., 0], -1.0, 1.0))
     return np.arctan2(up[..., 1], up[..., 2]), trim
 
 
 def bow_ahead(rotation: Array) -> Array:
-    """A rotation (3, 3) turned about the vertical until the body's x axis, seen from above, lies
-    along the world's; or its z axis, where the bow points straight up or down."""
+    """A rotation (3, 3) rotated about the vertical until the body's x axis, seen from above, lies
+    along the world's x axis; or its z axis, if the bow points straight up or down."""
     ahead = rotation[:2, 0] if np.hypot(*rotation[:2, 0]) > 1e-6 else rotation[:2, 2]
     c, s = ahead / np.linalg.norm(ahead)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation
 
 
 def _place(body: FloatingBody, attitude: Attitude, wetted: Wetted) -> dict[str, Any]:
-    """How a body lies: displacement, centres, metacentres, waterplane."""
+    """Attitude, displacement, centres, metacentres and waterplane."""
     corners, area, volume = body.placed(attitude), wetted.waterplane, wetted.volume
     keel = float(corners[:, :, 2].min())
     heel, trim = np.degrees(heel_and_trim(attitude.rotation[2])).tolist()
@@ -228,7 +228,7 @@ def _motions(
     mass = (inertia + added)[heave_roll_pitch, heave_roll_pitch]
     fastest = np.sqrt(max(np.linalg.eigvals(np.linalg.solve(mass, stiff)).real.max(), 0.0))
     periods = [
-        2.0 * np.pi * float(np.sqrt(m / k)) if k > RESTORED * body.weight else None
+        2.0 * np.pi * float(np.sqrt(m / k)) if k > ROUND_OFF_SHARE * body.weight else None
         for m, k in zip(np.diag(mass), np.diag(stiff), strict=True)
     ]
     return dict(
@@ -241,6 +241,6 @@ def _motions(
 def _righting(body: FloatingBody, attitude: Attitude, is_asked: bool) -> dict[str, Any]:
     if not is_asked:
         return dict(gz=None, vanishing_deg=None)
-    arms = righting_arms(body, attitude.rotation, FURTHEST_HEEL)
+    arms = righting_arms(body, attitude.rotation, LARGEST_HEEL)
     vanishing = vanishing_angle(body, attitude.rotation, arms)
     return dict(gz=arms[arms[:, 0] <= 90.0].tolist(), vanishing_deg=vanishing)

@@ -11,30 +11,30 @@ from sim.statics.equilibrium import RigidFloat, rest
 Array = NDArray[np.float64]
 
 HEEL_STEP = 5.0
-"""Degrees from one heel of a curve to the next."""
+"""Step [deg] between the heels of a curve."""
 
 BISECTIONS = 30
-"""Times that an interval of heels is halved: 5 degrees become 5e-9."""
+"""Number of times that an interval of heels is halved: 5 degrees become 5e-9."""
 
 
 def righting_arm(body: RigidFloat, at_rest: Array, heel: float) -> float:
-    """Righting arm GZ [m] at a heel [rad] to starboard from the rotation (3, 3) at rest, where the
-    bow (the body's x axis) lies in the world's plane of x and z: the moment about the world's x
-    axis that turns the body back, over its weight."""
+    """Righting arm GZ [m] at a heel [rad] to starboard from the rotation (3, 3) at rest: the moment
+    about the world's x axis that turns the body back, over its weight. At rest the bow (the body's
+    x axis) lies in the world's plane of x and z."""
     heeled = rotation_about(np.array([heel, 0.0, 0.0])) @ at_rest
     attitude = rest(body, heeled, axes="y")
     return -float(body.pull(body.wetted(attitude))[1]) / body.weight
 
 
 def righting_arms(body: RigidFloat, at_rest: Array, up_to: float = 90.0) -> Array:
-    """Heels [deg] from 0 in steps of HEEL_STEP, and the righting arms [m] there: (N, 2)."""
+    """Rows (N, 2) of a heel [deg], from 0 in steps of HEEL_STEP, and its righting arm [m]."""
     heels = np.arange(0.0, up_to + 0.5 * HEEL_STEP, HEEL_STEP)
     return np.array([(h, righting_arm(body, at_rest, np.radians(h))) for h in heels])
 
 
 def vanishing_angle(body: RigidFloat, at_rest: Array, arms: Array) -> float | None:
-    """Heel [deg] at which the righting arm falls to 0, between two of the arms (N, 2) of which the
-    first is positive and the second is not; None where there are no such two."""
+    """The first heel [deg] at which a positive righting arm falls to 0, from the arms (N, 2) of
+    `righting_arms`; None if there is none."""
     for (low, before), (high, after) in pairwise(arms):
         if before > 0.0 >= after:
             for _ in range(BISECTIONS):

@@ -1,6 +1,6 @@
-"""Wetted: the part of a closed surface below still water, and its waterplane, exactly.
+"""Wetted: the exact part of a closed surface below still water, and its waterplane.
 
-All figures are sums over the wetted triangles. The volume is made of cones from a point on the
+All figures are sums over the wetted triangles. The volume is a sum of cones from a point on the
 water's surface. The wetted part and the waterplane together enclose it, so an integral over the
 waterplane is minus the integral over the projection of the wetted part (Gauss).
 """
@@ -20,9 +20,9 @@ Array = NDArray[np.float64]
 class Wetted:
     """The part of a solid below z = 0.
 
-    volume [m^3]; moment (3,) [m^4]: volume times the centre of buoyancy; surface [m^2]: the wetted
-    area; waterplane [m^2]: its area; plane_moment (2,) [m^3] and plane_squares (2, 2) [m^4]: the
-    integrals of p and p p^T over the waterplane, p being (x, y).
+    volume [m^3]. moment: (3,) [m^4], volume times the centre of buoyancy. surface [m^2]: the wetted
+    area. waterplane [m^2]: its area. plane_moment: (2,) [m^3], plane_squares: (2, 2) [m^4], the
+    integrals of p and p p^T over the waterplane, with p = (x, y).
     """
 
     volume: float
@@ -34,15 +34,15 @@ class Wetted:
 
     @property
     def centre(self) -> Array:
-        """Centre of buoyancy (3,) [m]; the origin where nothing is wetted."""
+        """Centre of buoyancy (3,) [m]; the origin if nothing is wetted."""
         return self.moment / self.volume if self.volume > 0.0 else np.zeros(3)
 
 
 def wetted_part(corners: Array, displaced: Array, rotation: Array, height: float) -> Wetted:
-    """The Wetted of closed, outward surfaces of triangles, corners (F, 3, 3) [m], turned by a
-    rotation (3, 3) and then lifted by a height [m]; z is up, and 0 at the water's level. displaced
-    (F,): volume that a triangle's surface displaces, over the volume that it encloses."""
-    s = np.zeros(SUMS)
+    """The Wetted of closed, outward surfaces of triangles, corners (F, 3, 3) [m], rotated by a
+    rotation (3, 3) and then lifted by a height [m]; z is up, and 0 at the water's level. displaced:
+    (F,), the volume that a triangle's surface displaces over the volume that it encloses."""
+    s = np.zeros(11)
     position = np.array([0.0, 0.0, height])
     add_wetted(corners, displaced, position, np.ascontiguousarray(rotation).reshape(9), s)
     squares = np.array([[s[7], s[8]], [s[8], s[9]]]) / 12.0
@@ -50,13 +50,9 @@ def wetted_part(corners: Array, displaced: Array, rotation: Array, height: float
     return Wetted(volume, s[1:4] / 4.0, surface, waterplane, s[5:7] / 3.0, squares)
 
 
-SUMS = 11
-"""How many sums `add_wetted` adds to."""
-
-
 @inline
 def add_piece(ax, ay, az, bx, by, bz, cx, cy, cz, share, sums_out):
-    """Add what the wetted triangle a, b, c contributes."""
+    """Add the contribution of the wetted triangle a, b, c."""
     nx, ny, nz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
     px, py, pz = cross(bx, by, bz, cx, cy, cz)
     x, y = ax + bx + cx, ay + by + cy
@@ -76,7 +72,7 @@ def add_piece(ax, ay, az, bx, by, bz, cx, cy, cz, share, sums_out):
 
 @kernel
 def add_wetted(corners, displaced, position, rotation, sums_out):
-    """Sums (SUMS,) over the wetted parts of triangles: see `wetted_part`."""
+    """Sums (11,) over the wetted pieces of triangles: see `wetted_part`."""
     p = np.empty((3, 3))
     for t in range(corners.shape[0]):
         wet = 0
@@ -88,7 +84,7 @@ def add_wetted(corners, displaced, position, rotation, sums_out):
         if wet == 0:
             continue
         a = 0
-        if wet != 3:  # first the corner that is alone on its side
+        if wet != 3:  # begin with the corner that is alone on its side of the water
             for c in range(3):
                 if (p[c, 2] < 0.0) == (wet == 1):
                     a = c
