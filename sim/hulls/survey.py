@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -81,7 +82,7 @@ def read_surface(path: Path, scale: float = 1.0) -> tuple[Array, Indices]:
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     try:
-        mesh = trimesh.load(path, process=False, force="mesh")
+        mesh: Any = trimesh.load(path, process=False, force="mesh")
         faces = np.asarray(mesh.faces)
     except ImportError:  # trimesh guesses the encoding with an optional package
         raise ValueError(

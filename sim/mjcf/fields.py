@@ -10,8 +10,10 @@ of its subtree that collide, or for all geoms if none collides.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle
+from typing import NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.methods import METHODS, Settings
 from sim.methods.chord import MOST_SAMPLES
@@ -20,6 +22,8 @@ from sim.water.gerstner import MOST_TIDES
 from sim.water.head import PRESSURES
 from sim.water.sea import DEFAULT_PRESSURE
 from sim.water.spectrum import LARGEST_SEED, MOST_WAVES, WIDEST_SPREAD
+
+Numbers = Sequence[float] | NDArray[np.float64]
 
 LARGEST_NUMBER = 1e9
 """Default bound of numbers, in any unit."""
@@ -105,7 +109,7 @@ class NumericField:
         """The numbers with their units, as one line."""
         return ", ".join(f"{n.name} {n.unit}".strip() for n in self.numbers)
 
-    def check(self, values: Sequence[float]) -> None:
+    def check(self, values: Numbers) -> None:
         """Raise ValueError for a wrong count, or for a number out of bounds."""
         count, allowed = len(values), self.allowed_counts
         if count not in allowed:
@@ -121,7 +125,7 @@ class NumericField:
         for number, value in zip(cycle(self.numbers), values, strict=False):
             number.check(value)
 
-    def filled(self, values: Sequence[float]) -> list[float]:
+    def filled(self, values: Numbers) -> list[float]:
         """The values, followed by the defaults of the numbers that were left out."""
         return [*map(float, values), *(n.default for n in self.numbers[len(values) :])]
 
@@ -135,8 +139,8 @@ class TextField:
     per_geom: bool = False
 
 
-def _positive(name: str, unit: str, most: float, **options: float) -> Number:
-    return Number(name, unit, 0.0, most, is_above=True, **options)
+def _positive(name: str, unit: str, most: float, default: float = 0.0) -> Number:
+    return Number(name, unit, 0.0, most, is_above=True, default=default)
 
 
 def _switch(name: str) -> Number:
@@ -301,7 +305,7 @@ def _base(name: str, table: dict[str, NumericField] | dict[str, TextField]) -> s
     return None
 
 
-def check_numeric(name: str, values: Sequence[float]) -> None:
+def check_numeric(name: str, values: Numbers) -> None:
     """Raise ValueError for an unknown numeric, a wrong count, or a number out of bounds."""
     base = numeric_base(name)
     if base is None:
@@ -319,7 +323,7 @@ def check_text(name: str) -> None:
         refuse_unknown("text", name, ", ".join(_names(TEXTS)))
 
 
-def refuse_unknown(kind: str, name: str, known: str) -> None:
+def refuse_unknown(kind: str, name: str, known: str) -> NoReturn:
     raise ValueError(f"custom {kind} '{name}' is unknown; expected {known}: correct or rename it")
 
 

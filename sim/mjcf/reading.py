@@ -104,6 +104,7 @@ def read_model(model: mujoco.MjModel) -> Floating:
         notes += notes_about_sizes(sea, [(shape.name, shape.hull) for shape in shapes])
         notes += [f"geom '{f.name}': {note}" for f in floats for note in f.method.notes]
     faults.refuse(notes)
+    assert sea is not None  # without a sea there is a fault
     is_drawn = all(numbers_of("water_drawn", section.numerics)[0] for section in sections)
     return Floating(sea, tuple(floats), is_drawn, tuple(notes), files)
 

@@ -5,11 +5,19 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sim.mjcf.elements import numbers_of
 from sim.mjcf.faults import Faults
-from sim.mjcf.fields import COMPONENTS, NUMERICS, PRESSURE, RECORD, WATER_PREFIXES, numeric_base
+from sim.mjcf.fields import (
+    COMPONENTS,
+    NUMERICS,
+    PRESSURE,
+    RECORD,
+    WATER_PREFIXES,
+    Numbers,
+    numeric_base,
+)
 from sim.water.records import read_components, read_record
 from sim.water.sea import DEFAULT_PRESSURE, Sea
 from sim.water.spectrum import bretschneider, jonswap, ochi_hubble, pierson_moskowitz
@@ -105,8 +113,8 @@ def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
                 waves += read_components(path, gravity)
             else:
                 numbers = _in_radians(RECORD, numerics.get(RECORD, ()))
-                heading, shortest, longest, *position = numbers
-                waves += read_record(path, gravity, heading, (shortest, longest), tuple(position))
+                heading, shortest, longest, x, y = numbers
+                waves += read_record(path, gravity, heading, (shortest, longest), (x, y))
         except (ValueError, OSError) as error:
             raise ValueError(f"custom text '{name}': {error}") from None
     if RECORD in numerics and RECORD not in texts:
@@ -114,25 +122,25 @@ def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
     return waves
 
 
-def _in_radians(name: str, values: Sequence[float]) -> list[float]:
+def _in_radians(name: str, values: Numbers) -> list[float]:
     """All numbers of a numeric, with angles in radians."""
-    field = NUMERICS[numeric_base(name)]
+    field = NUMERICS[numeric_base(name) or name]
     return [
         float(np.radians(value)) if number.unit == "deg" else value
         for number, value in zip(field.numbers, field.filled(values), strict=True)
     ]
 
 
-def fields_of(sea: Sea) -> dict[str, Sequence[float] | str]:
+def fields_of(sea: Sea) -> dict[str, ArrayLike | str]:
     """The fields, by name, that describe a sea, to the round-off of angles in degrees."""
-    degrees = [(np.degrees(wave.heading), np.degrees(wave.phase)) for wave in sea.waves]
-    return {
+    fields: dict[str, ArrayLike | str] = {
         "water_density": [sea.density],
         "water_level": np.ravel(sea.tide) if sea.tide else [sea.level],
         "water_current": sea.current,
         "water_ramp": [sea.ramp],
         PRESSURE: sea.pressure,
-    } | {
-        f"wave_{i}": (wave.amplitude, wave.wavelength, *angles)
-        for i, (wave, angles) in enumerate(zip(sea.waves, degrees, strict=True))
     }
+    for i, wave in enumerate(sea.waves):
+        heading, phase = np.degrees([wave.heading, wave.phase]).tolist()
+        fields[f"wave_{i}"] = [wave.amplitude, wave.wavelength, heading, phase]
+    return fields

@@ -100,7 +100,7 @@ class Artist:
         if self.largest_head is None:
             depths = heads(sea, points, sample.time)
         else:  # the colours need the pressure of deep points too
-            depths = sea.head(*points.T, sample.time)
+            depths = sea.head(points[:, 0], points[:, 1], points[:, 2], sample.time)
         curves = waterlines(sea, sample.time, points, meshes.faces, meshes.across, depths)
         return Frame(
             sample=sample,

@@ -100,7 +100,7 @@ class Output:
         atexit.unregister(rr.rerun_shutdown)
         if self._file is not None:
             self._file.truncate(self._flushed)
-            if self._flushed == 0:
+            if self._flushed == 0 and self._path is not None:
                 self._path.unlink(missing_ok=True)
         self._release()
         reason = " ".join(str(error).split())

@@ -243,7 +243,7 @@ class SceneWriter:
         send("world/water", water.partition([f.particles.shape[0] for f in frames]))
         if not self._artist.is_shaded:
             return
-        wetness = np.stack([f.wetness for f in frames])
+        wetness = np.stack([f.wetness for f in frames if f.wetness is not None])
         for mesh, shades in zip(self._artist.meshes, self._palettes, strict=True):
             of_corners = np.take(wetness, mesh.vertices.start + mesh.corner_vertices, axis=1)
             shade = rr.Mesh3D.columns(vertex_colors=np.take(shades, of_corners).ravel())

@@ -32,7 +32,8 @@ def heads(sea: Sea, points: Array, time: float) -> Array:
     """
     depths = sea.level_at(time) - points[:, 2]
     near = np.flatnonzero(np.abs(depths) <= sea.amplitude)
-    depths[near] = sea.head(*points[near].T, time)
+    x, y, z = points[near].T
+    depths[near] = sea.head(x, y, z, time)
     return depths
 
 

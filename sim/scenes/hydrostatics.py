@@ -27,9 +27,12 @@ is a note."""
 class Afloat(Protocol):
     """The attributes of a Scene that this module uses."""
 
-    model: mujoco.MjModel
-    data: mujoco.MjData
-    buoyancy: Buoyancy
+    @property
+    def model(self) -> mujoco.MjModel: ...
+    @property
+    def data(self) -> mujoco.MjData: ...
+    @property
+    def buoyancy(self) -> Buoyancy: ...
 
 
 def hydrostatics(scene: Afloat, with_gz: bool = True) -> dict[str, Hydrostatics]:

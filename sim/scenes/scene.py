@@ -37,8 +37,9 @@ class Scene:
         reports = hydrostatics(self, with_gz=False)
         heights = self.data.xpos[self.buoyancy.bodies, 2].copy()
         for i, name in enumerate(self.buoyancy.body_names):
-            if name in reports and reports[name].rest is not None:
-                heights[i] = reports[name].rest.height_m
+            rest = reports[name].rest if name in reports else None
+            if rest is not None:
+                heights[i] = rest.height_m
         return heights - self.buoyancy.sea.level
 
     @classmethod

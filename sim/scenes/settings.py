@@ -105,7 +105,7 @@ class _Changes:
             self._set(prefix, field, _with_number(values, field, number, value))
         elif _is_text(name, value):
             is_path = name in (COMPONENTS, RECORD)
-            self._texts[prefix + name] = str(Path(value).absolute()) if is_path else value
+            self._texts[prefix + name] = str(Path(str(value)).absolute() if is_path else value)
         elif numeric_base(name) is None:
             refuse_unknown("field", name, ", ".join([*NUMERICS, *TEXTS]))
         else:
@@ -155,7 +155,7 @@ def _with_number(values: Array, field: str, number: str, value: ArrayLike | str)
     names, row = _number_names(field), _row(value)
     if number not in names or row.size != 1:
         raise ValueError(f"'{field}' has the numbers {', '.join(names)}; set one to one number")
-    filled = np.array(NUMERICS[numeric_base(field)].filled(values))
+    filled = np.array(NUMERICS[numeric_base(field) or field].filled(values))
     filled[names.index(number)] = row[0]
     return filled
 

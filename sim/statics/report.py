@@ -142,8 +142,10 @@ class FloatingBody(RigidFloat):
 
     @property
     def turned(self) -> float:
-        """Angle [deg] between the vertical in the body's axes at the start and at rest."""
-        before, now = self.start.rotation[2], self.at_rest.rotation[2]
+        """Angle [deg] between the vertical in the body's axes at the start and at rest; 0 without a
+        rest."""
+        end = self.at_rest or self.start
+        before, now = self.start.rotation[2], end.rotation[2]
         return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(before, now)), before @ now)))
 
 

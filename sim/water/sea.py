@@ -96,7 +96,7 @@ class Sea:
         pressure: str = DEFAULT_PRESSURE,
         current: Sequence[float] = (0.0, 0.0, 0.0),
         ramp: float = 0.0,
-        tide: Sequence[tuple[float, float]] = (),
+        tide: Sequence[tuple[float, float]] | Array = (),
     ) -> None:
         if pressure not in PRESSURES:
             raise ValueError(f"water pressure is '{pressure}'; expected {' or '.join(PRESSURES)}")
@@ -288,7 +288,7 @@ def checked_current(current: Sequence[float]) -> tuple[float, float, float]:
     return tuple(np.resize([*values, 0.0], 3).tolist())
 
 
-def checked_tide(tide: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+def checked_tide(tide: Sequence[tuple[float, float]] | Array) -> tuple[tuple[float, float], ...]:
     """Pairs of a time [s] and a level [m]. Raises ValueError."""
     pairs = np.asarray(tide, dtype=float).reshape(-1, 2)
     if len(pairs) == 1 or len(pairs) > MOST_TIDES:
@@ -301,18 +301,18 @@ def checked_tide(tide: Sequence[tuple[float, float]]) -> tuple[tuple[float, floa
 def _per_time(solve: Callable[..., Array | Table], time: ArrayLike, *places: ArrayLike) -> Any:
     """Broadcast places and time, call solve(t, *places) with flat places once for every distinct
     time (the kernels keep the time out of their inner loops) and put the result in shape."""
-    time, *places = (np.asarray(v, dtype=float) for v in (time, *places))
-    is_one_time = time.size == 1
-    if not (time.ndim == 0 and all(v.shape == places[0].shape for v in places)):
-        time, *places = np.broadcast_arrays(time, *places)
-    shape = places[0].shape
-    places = [np.ravel(v) for v in places]
+    at, *points = (np.asarray(v, dtype=float) for v in (time, *places))
+    is_one_time = at.size == 1
+    if not (at.ndim == 0 and all(v.shape == points[0].shape for v in points)):
+        at, *points = np.broadcast_arrays(at, *points)
+    shape = points[0].shape
+    points = [np.ravel(v) for v in points]
     if is_one_time:  # the usual case: sorting the times would cost more than solving
-        return solve(float(time.flat[0]) if time.size else 0.0, *places).reshape(shape)
-    times, which = np.unique(time, return_inverse=True)
+        return solve(float(at.flat[0]) if at.size else 0.0, *points).reshape(shape)
+    times, which = np.unique(at, return_inverse=True)
     which = np.ravel(which)
-    result = np.empty(places[0].size, solve(0.0, *(v[:0] for v in places)).dtype)
+    result = np.empty(points[0].size, solve(0.0, *(v[:0] for v in points)).dtype)
     for i, t in enumerate(times):
         chosen = which == i
-        result[chosen] = solve(float(t), *(v[chosen] for v in places))
+        result[chosen] = solve(float(t), *(v[chosen] for v in points))
     return result.reshape(shape)
