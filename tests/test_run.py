@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
+from independent import MODELS, REPOSITORY, receive_ctrl_c, status_of
 from sim import Recorder, Scene, Tally, read_series, simulate
 from sim.recording.reader import reader
 
@@ -187,7 +187,7 @@ def test_a_stopped_run_leaves_a_readable_recording(tmp_path, number, status):
     process = subprocess.Popen(
         [*RUN, str(MODELS / "cube.xml"), "--duration", "1000", "--record", "cut.rrd"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=hear_ctrl_c,
+        preexec_fn=receive_ctrl_c,
     )  # fmt: skip
     deadline = time.monotonic() + 60.0
     recording = tmp_path / "cut.rrd"

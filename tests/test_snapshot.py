@@ -16,7 +16,7 @@ import pytest
 import rerun as rr
 from PIL import Image
 
-from independent import MODELS, REPOSITORY, hear_ctrl_c
+from independent import MODELS, REPOSITORY, receive_ctrl_c
 from sim import Recorder, Scene, simulate
 
 SCRIPT = REPOSITORY / "scripts" / "snapshot.py"
@@ -136,7 +136,7 @@ def test_without_a_driver_it_says_what_to_install(take, monkeypatch, tmp_path):
 def test_no_viewer_outlives_the_script(number, recording, tmp_path):
     command = [sys.executable, SCRIPT, recording, "--output", tmp_path / "a.png"]
     with subprocess.Popen(
-        command, stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c
+        command, stderr=subprocess.PIPE, text=True, preexec_fn=receive_ctrl_c
     ) as script:
         viewers = []
         while len(viewers) < 2 and script.poll() is None:  # the command and the viewer proper

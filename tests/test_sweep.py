@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scenes import CUBE, WAVES, model, xml
 
-from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
+from independent import MODELS, REPOSITORY, receive_ctrl_c, status_of
 from sim import Scene, simulate
 from sim.runs.series import NAMES, Series
 from sim.runs.statistics import heights, start_times
@@ -125,7 +125,7 @@ def interrupted(tmp_path, *jobs: str) -> int:
     """A sweep that Ctrl-C stops after some of its RUNS; how many lines it has kept."""
     process = subprocess.Popen(
         [*SWEEP, *RUNS, "--output", "a.parquet", *jobs], cwd=tmp_path, stderr=subprocess.PIPE,
-        text=True, preexec_fn=hear_ctrl_c, start_new_session=True,
+        text=True, preexec_fn=receive_ctrl_c, start_new_session=True,
     )  # fmt: skip
     kept = tmp_path / "a.parquet.rows"
     wait_for_rows(process, kept)
