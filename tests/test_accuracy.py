@@ -10,7 +10,7 @@ from benchmarks.accuracy import errors, time_in_turns, wrenches
 from benchmarks.customary import Customary
 from benchmarks.seas import SEAS, waterline_poses
 from benchmarks.ship import SIZE, finer, ship, ship_costs
-from independent import ROUND_OFF, load_mesh, status_of, three_waves
+from independent import MODELS, ROUND_OFF, load_mesh, status_of, three_waves
 from sim import Chord, Hull, Linear, Reference, Sea
 from sim.runs.statistics import mean_of_correlated
 
@@ -169,7 +169,7 @@ def test_speed_vs_error_reports_that_matplotlib_is_missing(tmp_path, monkeypatch
         (["--methods", "linear", "guess"], "'guess' is not a method"),
         (["--hulls", "teapot"], "invalid choice: 'teapot'"),
         (["--poses", "1"], "1 is not from 2"),
-        (["--quick", "--json", "nowhere/out.json"], "nowhere"),
+        (["--quick", "--json", MODELS / "cube.xml" / "out.json"], "cannot be written because of"),
     ],
 )
 def test_unusable_input_gives_one_line_and_status_2(
