@@ -1,4 +1,4 @@
-"""What all methods have in common: their names, batches, threads; and one from outside."""
+"""Properties of all methods: names, batches, threads, refusals; and a method from outside."""
 
 import os
 import threading
@@ -17,8 +17,8 @@ from sim.methods.method import Part, Shared
 BOX = Hull.from_trimesh(trimesh.creation.box(extents=[1.0, 1.0, 1.0]))
 
 
-class Pressed(Method):
-    """A toy: the hull is a point that the water lifts by its whole volume."""
+class PointMethod(Method):
+    """A toy method that lifts the hull by its whole volume if its position is under water."""
 
     def wrench(self, position, rotation, time):
         lift = DENSITY * GRAVITY * self.hull.volume if position[2] < self.sea.level else 0.0
@@ -26,14 +26,14 @@ class Pressed(Method):
 
 
 def test_a_method_from_outside_is_one_class_and_one_entry(monkeypatch):
-    """Scenes may name it, hulls with it float beside others, and it needs nothing but `wrench`."""
-    monkeypatch.setitem(METHODS, "pressed", Pressed)
+    """Scenes may name it, its hulls float beside others, and it only defines `wrench`."""
+    monkeypatch.setitem(METHODS, "point", PointMethod)
     other = CUBE.replace('"cube"', '"other"').replace("0 0 0", "3 0 -2")
-    custom = '<text name="buoyancy_method_cube" data="pressed"/>'
+    custom = '<text name="buoyancy_method_cube" data="point"/>'
     scene = Scene.from_model(model(CUBE + other, ("cube", "other"), custom))
-    assert isinstance(scene.buoyancy.floats[0].method, Pressed)
+    assert isinstance(scene.buoyancy.floats[0].method, PointMethod)
     wrenches = scene.buoyancy.wrenches(scene.data)
-    np.testing.assert_allclose(wrenches[:, 2], [0.0, DENSITY * GRAVITY])  # at the level; below it
+    np.testing.assert_allclose(wrenches[:, 2], [0.0, DENSITY * GRAVITY])  # at and below the level
     lifts = {float(sample.wrenches[0, 2]) for sample in simulate(scene, 0.5)}
     assert lifts == {0.0, DENSITY * GRAVITY}
 
@@ -48,7 +48,7 @@ def test_a_method_from_outside_is_one_class_and_one_entry(monkeypatch):
         ("chord:3:crests", (Chord, ("crests_only", True), "froude-krylov")),
     ],
 )
-def test_labels_name_a_method_its_setting_and_a_pressure(label, made):
+def test_labels_name_a_method_a_setting_and_a_pressure(label, made):
     kind, setting, pressure = made
     method = labelled_method(label, BOX, Sea([Wave(0.1, 4.0, 0.0, 0.0)]))
     assert type(method) is kind
@@ -67,14 +67,14 @@ def test_labels_name_a_method_its_setting_and_a_pressure(label, made):
         ("linear/static", "water pressure is 'static'"),
     ],
 )
-def test_labels_that_name_no_method_are_refused(label, message):
+def test_labels_without_a_method_are_refused(label, message):
     with pytest.raises(ValueError, match=message):
         labelled_method(label, BOX, Sea())
 
 
 @pytest.mark.parametrize("make", [Linear, Chord, Patches, Reference])
 @pytest.mark.parametrize("threads", [1, 3])
-def test_a_batch_writes_what_each_hull_gets_alone(make, threads):
+def test_a_batch_writes_the_wrenches_of_each_hull_alone(make, threads):
     sea = three_waves()
     ball = Hull.from_trimesh(meshes()["icosphere"])
     one, other = make(BOX, sea), make(ball, sea)
@@ -92,68 +92,68 @@ def test_a_batch_writes_what_each_hull_gets_alone(make, threads):
         np.testing.assert_allclose(found[place.row] / scale, alone / scale, atol=1e-15)
 
 
-def shared(call, parts: int, threads: int) -> None:
-    """Let threads share so many parts of a batch whose kernel is `call`."""
-    batch = Shared(call, [Part(np.empty(0), np.array([i])) for i in range(parts)], threads)
+def shared_batch(call, parts: int, threads: int) -> Shared:
+    """A batch with empty parts that threads share. `call` stands for its kernel."""
+    return Shared(call, [Part(np.empty(0), np.array([i])) for i in range(parts)], threads)
+
+
+def write_nothing(batch: Shared) -> None:
     batch.write_wrenches(np.empty(0), np.empty(0), 0.0, np.empty(0))
 
 
-def test_helpers_work_at_the_same_time_as_the_caller():
-    """A barrier lets nobody through before three threads stand at it."""
+def test_helpers_work_in_parallel_with_the_caller():
+    """A barrier opens when three threads have reached it."""
     barrier, workers = threading.Barrier(3, timeout=30.0), set()
 
     def meet(*arguments) -> None:
         workers.add(threading.get_ident())
         barrier.wait()
 
-    shared(meet, parts=3, threads=3)
+    write_nothing(shared_batch(meet, parts=3, threads=3))
     assert len(workers) == 3
     assert threading.get_ident() in workers
 
 
 def test_every_part_is_done_once():
     done: list[int] = []
-    batch = Shared(lambda block, places, *_: done.append(int(places[0])),
-                   [Part(np.empty(0), np.array([i])) for i in range(7)], threads=4)  # fmt: skip
+    batch = shared_batch(lambda block, places, *_: done.append(int(places[0])), 7, threads=4)
     for _ in range(200):
-        batch.write_wrenches(np.empty(0), np.empty(0), 0.0, np.empty(0))
+        write_nothing(batch)
     assert sorted(done) == sorted(list(range(7)) * 200)
 
 
-@pytest.mark.parametrize("wrong_is_the_caller", [True, False])
-def test_what_a_part_raises_is_raised_to_the_caller(wrong_is_the_caller):
-    """Each of the two threads has one part; either may be the one that goes wrong."""
+@pytest.mark.parametrize("caller_fails", [True, False])
+def test_an_exception_of_a_part_reaches_the_caller(caller_fails):
+    """Each of two threads has one part, and either may fail."""
     barrier, caller = threading.Barrier(2, timeout=30.0), threading.get_ident()
 
     def call(*arguments) -> None:
         barrier.wait()
-        if (threading.get_ident() == caller) == wrong_is_the_caller:
+        if (threading.get_ident() == caller) == caller_fails:
             raise ArithmeticError("no such wrench")
 
     with pytest.raises(ArithmeticError, match="no such wrench"):
-        shared(call, parts=2, threads=2)
+        write_nothing(shared_batch(call, parts=2, threads=2))
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 @pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
-def test_a_forked_process_has_helpers_of_its_own():
-    """Those of its parent are not alive there. A barrier lets nobody through alone."""
+def test_a_forked_process_has_its_own_helpers():
+    """The helpers of its parent do not exist there. A barrier of two opens only for two threads."""
     barriers = [threading.Barrier(2, timeout=20.0)]
-    batch = Shared(lambda *_: barriers[0].wait(),
-                   [Part(np.empty(0), np.array([i])) for i in range(2)], threads=2)  # fmt: skip
-    empty = np.empty(0)
-    batch.write_wrenches(empty, empty, 0.0, empty)
+    batch = shared_batch(lambda *_: barriers[0].wait(), parts=2, threads=2)
+    write_nothing(batch)
     child = os.fork()
     if child == 0:
         status = 1
         try:
             barriers[0] = threading.Barrier(2, timeout=20.0)
-            batch.write_wrenches(empty, empty, 0.0, empty)
+            write_nothing(batch)
             status = 0
         finally:
             os._exit(status)
     assert os.waitpid(child, 0)[1] == 0
-    batch.write_wrenches(empty, empty, 0.0, empty)
+    write_nothing(batch)
 
 
 EVERY = [lambda h, s: Linear(h, s), lambda h, s: Chord(h, s), lambda h, s: Patches(h, s),
@@ -162,7 +162,7 @@ EVERY = [lambda h, s: Linear(h, s), lambda h, s: Chord(h, s), lambda h, s: Patch
 
 @pytest.mark.parametrize("make", EVERY, ids=["linear", "chord", "patches", "reference"])
 @pytest.mark.parametrize("sea", [Sea(), three_waves()], ids=["calm", "waves"])
-def test_all_methods_answer_alike_what_is_no_pose(make, sea):
+def test_all_methods_refuse_the_same_poses(make, sea):
     method, level = make(Hull.from_trimesh(load_mesh("bunny")), sea), np.eye(3)
     assert np.isfinite(method.wrench([0, 0, 0], level.ravel(), 0.0)).all()
     for position in ([0, 0], [0, 0, 0, 0], [0.1], [[0, 0, 0]], 1.0):
@@ -182,7 +182,7 @@ def test_all_methods_answer_alike_what_is_no_pose(make, sea):
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_hull_of_a_batch_with_no_pose_is_nan_and_the_others_are_not(threads):
+def test_a_pose_that_is_not_finite_affects_only_its_hull(threads):
     methods = [Patches(Hull.from_trimesh(load_mesh("bunny")), three_waves())] * 3
     batch = Patches.batch(methods, [Place(i, i) for i in range(3)], threads)
     positions, rotations = np.zeros((3, 3)), np.tile(np.eye(3).ravel(), (3, 1))
