@@ -1,9 +1,13 @@
 """Independent computations that share no code with the package, and seeded poses and seas."""
 
+import os
 import runpy
 import signal
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
 
 import numpy as np
 import trimesh
@@ -136,6 +140,26 @@ def status_of(script: str, *arguments: object) -> int:
         sys.argv = former
         for stop, handler in zip(command_line.STOPS, handlers, strict=True):
             signal.signal(stop, handler)
+
+
+@contextmanager
+def sending(number: int, when: Callable[[], bool]) -> Iterator[None]:
+    """Send a signal to this process as soon as a condition holds, unless the block ends first."""
+    ended = Event()
+
+    def send() -> None:
+        while not ended.wait(0.02):
+            if when():
+                os.kill(os.getpid(), number)
+                return
+
+    thread = Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def receive_ctrl_c() -> None:

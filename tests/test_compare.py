@@ -2,9 +2,6 @@
 
 import json
 import signal
-import subprocess
-import sys
-import time
 from contextlib import chdir, redirect_stdout
 from io import StringIO
 
@@ -12,11 +9,9 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from independent import MODELS, REPOSITORY, receive_ctrl_c, status_of
+from independent import MODELS, sending, status_of
 from labels import fields_of
 from sim import Scene, SideBySideRecorder, simulate
-
-COMPARE = [sys.executable, str(REPOSITORY / "scripts" / "compare.py")]
 
 
 def test_twins_with_the_same_method_stay_identical_to_the_bit():
@@ -132,17 +127,18 @@ def test_all_twins_are_in_one_recording(run):
 
 def test_recording_is_readable_when_a_run_fails_half_way(tmp_path):
     twins = {m: labelled_cube(m) for m in ("linear", "chord:4")}
-    with (
-        pytest.raises(KeyboardInterrupt),
-        SideBySideRecorder(tmp_path / "cut.rrd", twins) as recorder,
-    ):
-        for samples in zip(*(simulate(twin, 5.0) for twin in twins.values()), strict=True):
-            recorder.log(samples)
-            if samples[0].time > 0.499:
-                raise KeyboardInterrupt
+
+    def record() -> None:
+        with SideBySideRecorder(tmp_path / "cut.rrd", twins) as recorder:
+            for samples in zip(*(simulate(twin, 5.0) for twin in twins.values()), strict=True):
+                recorder.log(samples)
+                if samples[0].time > 0.499:
+                    raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        record()
     chunks = RrdReader(tmp_path / "cut.rrd").stream().filter(content="/linear/plots/height/cube")
     assert sum(chunk.num_rows for chunk in chunks if not chunk.is_static) == 16
-
 
 
 def test_divergence_gives_status_3_and_keeps_the_recording(tmp_path, monkeypatch, capsys):
@@ -160,23 +156,15 @@ def test_divergence_gives_status_3_and_keeps_the_recording(tmp_path, monkeypatch
     assert len(RrdReader(tmp_path / "wild.rrd").recordings()) == 1
 
 
-def test_ctrl_c_gives_status_130_and_a_readable_recording(tmp_path):
-    process = subprocess.Popen(
-        [*COMPARE, str(MODELS / "cube.xml"), "--methods", "linear", "chord:4",
-         "--duration", "1000", "--record", "cut.rrd"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=receive_ctrl_c,
-    )  # fmt: skip
-    deadline, recording = time.monotonic() + 60.0, tmp_path / "cut.rrd"
-    while not (recording.exists() and recording.stat().st_size > 300_000):
-        assert time.monotonic() < deadline
-        assert process.poll() is None
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert stderr.splitlines()[-1] == "compare.py: stopped by SIGINT"
-    assert "Traceback" not in stderr
+def test_ctrl_c_gives_status_130_and_a_readable_recording(tmp_path, capsys):
+    recording = tmp_path / "cut.rrd"
+    with sending(signal.SIGINT, lambda: recording.exists() and recording.stat().st_size > 300_000):
+        status = status_of(
+            "compare.py", MODELS / "cube.xml", "--methods", "linear", "chord:4",
+            "--duration", 1000, "--record", recording,
+        )  # fmt: skip
+    assert status == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "compare.py: stopped by SIGINT"
     assert len(RrdReader(recording).recordings()) == 1
 
 

@@ -207,7 +207,7 @@ def test_reading_wrenches_writes_nothing():
 
 
 def test_a_sphere_floats_at_the_depth_of_its_mass():
-    """The facets have the ball's volume, so at half the water's density it floats half submerged."""
+    """The facets have the ball's volume, so at half the water's density it is half submerged."""
     ball = '<body><freejoint/><geom name="b" type="sphere" size="0.5" density="512.5"/></body>'
     compiled = model(ball, ("b",))
     data = started(compiled)

@@ -63,9 +63,7 @@ def test_a_scene_moving_with_its_water_takes_the_same_path():
     for here, there in zip(still, carried, strict=True):
         moved = there.positions - CURRENT * there.time
         np.testing.assert_allclose(moved, here.positions, atol=accumulated_round_off)
-        np.testing.assert_allclose(
-            there.quaternions, here.quaternions, atol=accumulated_round_off
-        )
+        np.testing.assert_allclose(there.quaternions, here.quaternions, atol=accumulated_round_off)
 
 
 def test_a_float_without_thrust_ends_at_the_speed_of_the_current():
