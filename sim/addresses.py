@@ -12,13 +12,16 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed
-from numba.extending import intrinsic
+from numba.extending import intrinsic as typed_intrinsic
 from numba.np.arrayobj import make_array, populate_array
 
 BYTE, WORD = ir.IntType(8), ir.IntType(64)
 
+intrinsic: Any = typed_intrinsic
+"""numba's decorator, whose types take the typing context for an argument of the caller."""
 
-def _pointer(builder: ir.IRBuilder, address: ir.Value, kind: ir.Type) -> ir.Value:
+
+def _pointer(builder: ir.IRBuilder, address: ir.Value, kind: ir.Type) -> Any:
     return builder.inttoptr(address, kind.as_pointer())
 
 

@@ -28,18 +28,21 @@ from typing import Any, TypeVar
 
 import numba
 import numpy as np
-from numba import config, njit, typeof, types
+from numba import njit, typeof, types
 from numba.core import event
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.ccallback import CFunc
-from numba.extending import intrinsic
+from numba.extending import intrinsic as typed_intrinsic
 from numba.misc.appdirs import user_cache_dir
 from numba.np.arrayobj import make_array
 from numpy.typing import NDArray
 
 from sim.addresses import WORD, array_of
 
-Kernel = TypeVar("Kernel")
+config: Any = numba.config
+intrinsic: Any = typed_intrinsic
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 CACHE_LINE = 64
 """Bytes. Tables of a block begin at a line, and with them each node and leaf of a tree."""
@@ -110,8 +113,8 @@ def _warn_of_no_cache() -> None:
 
 
 def _compiled(function: Kernel, *liberties: str) -> Kernel:
-    options = {"fastmath": set(liberties), "error_model": "numpy", "nogil": True}
-    dispatcher = njit(no_cfunc_wrapper=True, **options)(function)
+    options: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+    dispatcher = njit(fastmath=set(liberties), **options)(function)
     dispatcher._cache = _kept_code(function)
     return dispatcher
 
@@ -138,7 +141,8 @@ class CFunction:
         count = self._function.__code__.co_argcount
         signature = self._result(*[types.int64] * count)
         options = {"fastmath": {"contract"}, "error_model": "numpy"}
-        compiled = CFunc(self._function, (signature.args, signature.return_type), {}, options)
+        whole = signature.args, signature.return_type
+        compiled: Any = CFunc(self._function, whole, {}, options)
         compiled._cache = _kept_code(self._function)
         compiled.compile()
         self._compiled = compiled  # its code goes with it
@@ -146,7 +150,8 @@ class CFunction:
 
     @property
     def address(self) -> int:
-        return ctypes.cast(self.call, ctypes.c_void_p).value
+        pointer: Any = self.call
+        return ctypes.cast(pointer, ctypes.c_void_p).value or 0
 
 
 def c_function(function: Callable[..., None]) -> CFunction:
@@ -177,7 +182,7 @@ def summing_kernel(function: Kernel) -> Kernel:
     return _compiled(function, "contract", "reassoc")
 
 
-inline = njit(inline="always")
+inline: Any = njit(inline="always")
 """Compile a function into each kernel that calls it."""
 
 
@@ -202,7 +207,7 @@ class _FirstOne(event.Listener):
         pass
 
 
-def record(**fields: Any) -> np.dtype:
+def record(**fields: Any) -> Any:
     """Type of a table's rows: for each field a scalar type, or such a type and a shape."""
     kinds = (kind if isinstance(kind, tuple) else (kind,) for kind in fields.values())
     return np.dtype([(name, *kind) for name, kind in zip(fields, kinds, strict=True)], align=True)

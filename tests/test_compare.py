@@ -158,7 +158,11 @@ def test_divergence_gives_status_3_and_keeps_the_recording(tmp_path, monkeypatch
 
 def test_ctrl_c_gives_status_130_and_a_readable_recording(tmp_path, capsys):
     recording = tmp_path / "cut.rrd"
-    with sending(signal.SIGINT, lambda: recording.exists() and recording.stat().st_size > 300_000):
+
+    def is_recording() -> bool:
+        return recording.exists() and recording.stat().st_size > 2_000_000
+
+    with sending(signal.SIGINT, is_recording):
         status = status_of(
             "compare.py", MODELS / "cube.xml", "--methods", "linear", "chord:4",
             "--duration", 1000, "--record", recording,

@@ -231,3 +231,16 @@ def test_hulls_computed_together_equal_each_alone():
         alone = f.method.wrench(data.xipos[f.body], data.ximat[f.body], 0.0)
         assert np.abs(alone).max() > 0.0
         np.testing.assert_array_equal(data.xfrc_applied[f.body], alone)
+
+
+def test_a_hull_without_a_finite_pose_has_no_wrench_and_no_volume():
+    other = CUBE.replace('"cube"', '"other"').replace("0 0 0", "3 0 -2")
+    compiled = model(CUBE + other, ("cube", "other"), WAVES)
+    data, buoyancy = started(compiled), Buoyancy.of(compiled)
+    data.geom_xpos[0, 2] = np.nan
+    for found in (buoyancy.push(data)[:, 2], buoyancy.submerged_volumes(data)):
+        assert np.isnan(found[0])
+        assert np.isfinite(found[1])
+    data.time = np.inf
+    assert np.isnan(buoyancy.push(data)).all()
+    assert np.isnan(buoyancy.submerged_volumes(data)).all()

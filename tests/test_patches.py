@@ -18,7 +18,7 @@ from independent import (
     volume_below,
 )
 from sim import Hull, Linear, Patches, Reference, Sea, Wave
-from sim.methods import Place
+from sim.methods.method import parts_of
 from sim.methods.patches import fit
 from sim.methods.patches.fit import (
     CENTRE_SHIFT_RADII,
@@ -344,7 +344,7 @@ def test_awkward_triangles(kind):
         )
 
 
-def test_a_batch_shares_trees_and_agrees_with_each_method():
+def test_hulls_together_share_trees_and_have_the_wrenches_of_each_alone():
     sea = three_waves()
     ball = Hull.from_trimesh(meshes()["icosphere"])
     shared, other = Patches(ball, sea, 1e-3), Patches(Hull.from_trimesh(CUBE), sea, 1.5e-3)
@@ -353,15 +353,13 @@ def test_a_batch_shares_trees_and_agrees_with_each_method():
     positions = np.array([p for p, _, _ in poses])
     rotations = np.array([r.ravel() for _, r, _ in poses])
     out = np.ones((5, 6))
-    methods = [shared, other, shared, other]
-    places = [Place(2, 0), Place(0, 3), Place(1, 1), Place(2, 4)]
-    Patches.batch(methods, places).write_wrenches(positions, rotations, 0.6, out)
-    np.testing.assert_array_equal(out[2], 1.0)  # a row without a place
-    for method, place in zip(methods, places, strict=True):
-        alone = method.wrench(positions[place.pose], rotations[place.pose], 0.6)
-        np.testing.assert_allclose(out[place.row], alone, rtol=1e-9)
-    with pytest.raises(ValueError, match="float in one sea"):
-        Patches.batch([shared, Patches(ball, three_waves())], [Place(0, 0), Place(1, 1)])
+    methods, which = [shared, other, shared, other], [2, 0, 1, 2]
+    ((kernel, block, places),) = parts_of(methods, which)
+    kernel(block, places, positions, rotations, 0.6, out)
+    np.testing.assert_array_equal(out[4], 1.0)  # a row without a hull
+    for row, method in enumerate(methods):
+        alone = method.wrench(positions[which[row]], rotations[which[row]], 0.6)
+        np.testing.assert_allclose(out[row], alone, rtol=1e-9)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan])

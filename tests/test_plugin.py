@@ -405,7 +405,7 @@ def test_a_model_that_became_faulty_has_no_new_states():
 
 
 def test_pickling_a_buoyancy_is_refused_with_the_remedy():
-    with pytest.raises(TypeError, match=r"ask there anew: Buoyancy.of\(model\)"):
+    with pytest.raises(TypeError, match=r"call Buoyancy\.of\(model\) where it is loaded"):
         pickle.dumps(Buoyancy.of(model()))
 
 

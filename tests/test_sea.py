@@ -56,11 +56,11 @@ def test_elevation_lies_on_the_particles_at_any_steepness(steepness):
 def test_solver_converges_from_any_starting_label(steepness):
     rng = np.random.default_rng(2)
     for sea in seas_of_steepness(steepness):
-        tolerance = float(sea.water["tolerance"][0])
+        tolerance, work = float(sea.water["tolerance"][0]), (np.empty(1, LABELS), np.empty(1, SUMS))
         for _ in range(200):
             x, y = rng.uniform(-5.0, 5.0, 2)
             guess = rng.uniform(-20.0, 20.0, 2)
-            *label, height = solve_point(x, y, *guess, sea.components, 0.4, tolerance)
+            *label, height = solve_point(x, y, *guess, sea.components, 0.4, tolerance, *work)
             np.testing.assert_allclose(sea.particles(label, 0.4)[:2], (x, y), atol=MAP_ROUND_OFF)
             assert abs(height - sea.elevation(x, y, 0.4)) < 2 * ELEVATION_ERROR + MAP_ROUND_OFF
 
@@ -260,7 +260,7 @@ def test_fitted_waves_converge_to_the_sea_with_the_radius():
 
 
 def test_newton_steps_converge_for_fitted_waves():
-    """The slope differs from the derivative of the offset by less than two thirds of 1 - |slope|."""
+    """The slope differs from the offset's derivative by less than two thirds of 1 - |slope|."""
     for u in np.geomspace(0.01, 100.0, 300):
         row = fitted_waves(Sea([Wave(0.1, 2.0 * np.pi)]), u)[0]
         offset, slope = row["amplitude"] / 0.1, row["ka"] / 0.1

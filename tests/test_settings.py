@@ -232,7 +232,7 @@ def test_a_sea_from_a_record_reproduces_the_record(position, tmp_path):
         ("sea_components", "amplitude,wavelength\n0.1,9\n-1,9\n", "line 3: wave amplitude is -1"),
         ("sea_components", "amplitude,wavelength\n2,3\n", "the waves fold"),
         ("sea_record", "time,elevation\n0,1\n1,2\n", "expected 8 or more times in rising order"),
-        ("sea_record", "time,height\n0,1\n1,2\n", "expected a line with the names"),
+        ("sea_record", "time,height\n0,1\n1,2\n", "expected a header with names"),
     ],
 )
 def test_impossible_files_are_refused(name, text, message, tmp_path, capsys):

@@ -9,7 +9,7 @@ A scene names its method in the text `buoyancy_method`.
 from sim.hulls.hull import Hull
 from sim.methods.chord import Chord
 from sim.methods.linear import Linear
-from sim.methods.method import Batch, Method, Place, Settings
+from sim.methods.method import Method, Settings
 from sim.methods.patches.patches import Patches
 from sim.methods.reference import Reference
 from sim.water.sea import Sea
@@ -36,12 +36,10 @@ def make_method(name: str, hull: Hull, sea: Sea, settings: Settings | None = Non
 
 __all__ = [
     "METHODS",
-    "Batch",
     "Chord",
     "Linear",
     "Method",
     "Patches",
-    "Place",
     "Reference",
     "Settings",
     "make_method",

@@ -62,8 +62,7 @@ class Chord(Linear):
         self._surface.shape["crests_only"] = self.crests_only
         super()._prepare()
 
-    @classmethod
-    def kernel(cls) -> Kernel:
+    def _kernel(self) -> Kernel:
         return chord_wrenches
 
     @classmethod

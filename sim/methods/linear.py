@@ -21,7 +21,7 @@ from sim.geometry import cross, placed, sides
 from sim.hulls.hull import Hull
 from sim.hulls.triangle import clip_dry_part
 from sim.kernels import inline, kernel, packed, read_only, record, table
-from sim.methods.method import PLACE, Compiled, Kernel, Part, Place
+from sim.methods.method import Compiled, Kernel, Part, Table
 from sim.water.gerstner import WATER, WAVE, level_and_rise
 from sim.water.head import solve_heads
 from sim.water.sea import Sea
@@ -59,22 +59,19 @@ class Linear(Compiled):
         self._prepare()
 
     @classmethod
-    def kernel(cls) -> Kernel:
-        return linear_wrenches
-
-    @classmethod
-    def parts(cls, methods: Sequence[Self], places: Sequence[Place], count: int) -> list[Part]:
+    def parts(cls, methods: Sequence[Self], places: Table) -> list[Part]:
         """One part for each method, with the places of all hulls that have it."""
-        found: dict[int, tuple[Self, list[tuple[int, int]]]] = {}
-        for method, place in zip(methods, places, strict=True):
-            found.setdefault(id(method), (method, []))[1].append((place.pose, place.row))
         return [
             Part(
+                method._kernel(),
                 packed(*method._surface, method.sea.components, method.sea.water),
-                read_only(np.array(of_method, PLACE)),
+                read_only(places[[other is method for other in methods]]),
             )
-            for method, of_method in found.values()
+            for method in dict.fromkeys(methods)
         ]
+
+    def _kernel(self) -> Kernel:
+        return linear_wrenches
 
 
 def corner_shares(corners: Array, area_vectors: Array) -> Array:

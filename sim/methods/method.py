@@ -2,17 +2,14 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from os import getpid
-from threading import Lock
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.hulls.hull import Hull
-from sim.kernels import address_of, kernel, record
+from sim.kernels import kernel, record
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -22,10 +19,6 @@ Kernel = Callable[[Block, Table, Array, Array, float, Array], None]
 
 ROTATION_ERROR = 1e-6
 """Of the products of a rotation's columns, as quaternions in single precision leave them."""
-
-PARTS_A_THREAD = 3
-"""Parts into which hulls are divided for each thread: the more, the less one waits for another in
-the end, but each part costs a few microseconds."""
 
 
 @dataclass(frozen=True)
@@ -42,37 +35,18 @@ class Settings:
     reference_tolerance: float = 1e-9
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where a hull of many finds its pose and leaves its wrench: rows of the arrays of both. No two
-    hulls have the same row of the wrenches."""
-
-    pose: int
-    row: int
+PLACE = record(pose="i8", row="i8")
+"""Where a hull of many finds its pose and leaves its wrench: rows of the arrays of both. No two
+hulls have the same row of the wrenches."""
 
 
-class NativePart(NamedTuple):
-    """Hulls of one method for C code: the address of a kernel of `Compiled`, its block, its
-    places."""
+class Part(NamedTuple):
+    """Hulls that one call of a kernel computes: the kernel, its block of tables (`kernels.packed`),
+    which nothing changes, and the hulls' places (PLACE, or records that have those fields too)."""
 
-    kernel: int
+    kernel: Kernel
     block: Block
     places: Table
-
-
-class Batch(ABC):
-    """Many hulls of methods of one class."""
-
-    def native(self) -> list[NativePart] | None:
-        """The same for C code, or None where only the interpreter can do it."""
-        return None
-
-    @abstractmethod
-    def write_wrenches(
-        self, positions: Array, rotations: Array, time: float, wrenches_out: Array
-    ) -> None:
-        """Write each hull's wrench to its row of wrenches_out (H, 6), for its pose among positions
-        (P, 3) [m] and rotations (P, 9)."""
 
 
 def pose_arrays(position: ArrayLike, rotation: ArrayLike, time: float) -> tuple[Array, Array, bool]:
@@ -129,19 +103,10 @@ def is_known(position, rotation, time):
     return total - total == 0.0
 
 
-@kernel
-def forget_unknown(places, positions, rotations, time, wrenches_out):
-    """Make the wrenches (H, 6) of poses that are not finite NaN."""
-    for p in range(places.size):
-        if not is_known(positions[places[p].pose], rotations[places[p].pose], time):
-            wrenches_out[places[p].row] = np.nan
-
-
 class Method(ABC):
     """A way to compute the water's wrench on a hull in a sea; no state changes from call to call.
 
-    A class of one's own needs `wrench`; with an entry in `METHODS` scenes may name it. Where many
-    hulls together are cheaper than one after the other, it has a `batch` of its own.
+    A class of your own needs `wrench`. With an entry in `METHODS`, scenes may name it.
 
     tolerance [m of water height]: what it keeps, None for a method that has no use for a scene's;
     notes: what could not be done as it was wished, a sentence each.
@@ -168,127 +133,43 @@ class Method(ABC):
         """The method with a scene's settings. Raises ValueError."""
         return cls(hull, sea)
 
-    @classmethod
-    def batch(cls, methods: Sequence[Self], places: Sequence[Place], threads: int = 1) -> Batch:
-        """Several hulls at once; `threads`: how many, with the caller's own, may share them."""
-        return Loop(methods, places)
-
-
-class Loop(Batch):
-    """A batch that takes one hull after the other."""
-
-    def __init__(self, methods: Sequence[Method], places: Sequence[Place]) -> None:
-        self._hulls = [(m, p.pose, p.row) for m, p in zip(methods, places, strict=True)]
-
-    def write_wrenches(
-        self, positions: Array, rotations: Array, time: float, wrenches_out: Array
-    ) -> None:
-        for method, pose, row in self._hulls:
-            wrenches_out[row] = method.wrench(positions[pose], rotations[pose], time)
-
-
-PLACE = record(pose="i8", row="i8")
-"""A hull's Place, as kernels read it."""
-
-
-class Part(NamedTuple):
-    """A part of a batch: a block of tables (`kernels.packed`), which nothing changes, and the
-    hulls' places (PLACE, or records that have those fields too)."""
-
-    block: Block
-    places: Table
-
 
 class Compiled(Method):
     """A method that is a kernel.
 
     The kernel takes a block, places, positions (P, 3), rotations (P, 9), time and wrenches_out
-    (H, 6), and writes the rows that the places name.
+    (H, 6), and writes the rows that the places name. The poses and the time must be finite.
     """
 
     @classmethod
     @abstractmethod
-    def kernel(cls) -> Kernel:
-        """The compiled function."""
-
-    @classmethod
-    @abstractmethod
-    def parts(cls, methods: Sequence[Self], places: Sequence[Place], count: int) -> list[Part]:
-        """All hulls in about so many parts of like cost, the dearest first."""
+    def parts(cls, methods: Sequence[Self], places: Table) -> list[Part]:
+        """Parts with all hulls, which are in one sea, at their places (H,), PLACE."""
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
         time = float(time)
         position, rotation, is_finite = pose_arrays(position, rotation, time)
         if not is_finite:
             return np.full(6, np.nan)
-        wrenches = np.empty((1, 6))
-        self._kernel(*self._alone, position.reshape(1, 3), rotation.reshape(1, 9), time, wrenches)
+        wrenches, (kernel, block, places) = np.empty((1, 6)), self._alone
+        kernel(block, places, position.reshape(1, 3), rotation.reshape(1, 9), time, wrenches)
         return wrenches[0]
 
     def _prepare(self) -> None:
-        """What `wrench` needs, once all that the parts are made of is there."""
-        self._kernel = self.kernel()
-        (self._alone,) = self.parts([self], [Place(0, 0)], 1)
-
-    @classmethod
-    def batch(cls, methods: Sequence[Self], places: Sequence[Place], threads: int = 1) -> Batch:
-        count = 1 if threads == 1 else PARTS_A_THREAD * threads
-        rows = np.array([(place.pose, place.row) for place in places], PLACE)
-        return Shared(cls.kernel(), cls.parts(methods, places, count), threads, rows)
+        """Prepare `wrench`, when everything that the part is made of is there."""
+        (self._alone,) = self.parts([self], np.zeros(1, PLACE))
 
 
-class Shared(Batch):
-    """A batch whose parts threads share. The result is the same to the bit. places: all PLACEs, of
-    which those without a finite pose get NaN."""
-
-    def __init__(
-        self, kernel: Kernel, parts: Sequence[Part], threads: int, places: Table | None = None
-    ) -> None:
-        self._kernel, self._parts, self._places = kernel, parts, places
-        self._helpers = min(threads, len(parts)) - 1
-        self._pool: ThreadPoolExecutor | None = None
-        self._process = -1
-        self._making = Lock()
-
-    def write_wrenches(
-        self, positions: Array, rotations: Array, time: float, wrenches_out: Array
-    ) -> None:
-        if self._helpers == 0:
-            for block, places in self._parts:
-                self._kernel(block, places, positions, rotations, time, wrenches_out)
-            self._forget(positions, rotations, time, wrenches_out)
-            return
-        left = iter(self._parts)  # gives each part to one thread only
-
-        def work() -> None:
-            for block, places in left:
-                self._kernel(block, places, positions, rotations, time, wrenches_out)
-
-        helping = [self._executor().submit(work) for _ in range(self._helpers)]
-        work()
-        for helper in helping:
-            if not helper.cancel():  # one that comes too late is not waited for
-                helper.result()
-        self._forget(positions, rotations, time, wrenches_out)
-
-    def _forget(self, positions: Array, rotations: Array, time: float, wrenches_out: Array) -> None:
-        if self._places is not None:
-            forget_unknown(self._places, positions, rotations, time, wrenches_out)
-
-    def native(self) -> list[NativePart] | None:
-        """Compiles the kernel. Threads are the interpreter's."""
-        if self._helpers:
-            return None
-        positions, rotations, wrenches = np.empty((1, 3)), np.empty((1, 9)), np.empty((1, 6))
-        return [
-            NativePart(address_of(self._kernel, *part, positions, rotations, 0.0, wrenches), *part)
-            for part in self._parts
-        ]
-
-    def _executor(self) -> ThreadPoolExecutor:
-        """The helpers: in a forked process none of its parent's are alive."""
-        with self._making:
-            if self._process != getpid():
-                self._process = getpid()
-                self._pool = ThreadPoolExecutor(self._helpers, thread_name_prefix="waterline")
-            return self._pool
+def parts_of(methods: Sequence[Method], poses: Sequence[int]) -> list[Part]:
+    """Parts with all hulls whose methods are Compiled. Hull i finds its pose in row poses[i] of the
+    poses and leaves its wrench in row i of the wrenches."""
+    places = np.array(list(zip(poses, range(len(methods)), strict=True)), PLACE)
+    alike: dict[tuple[type[Compiled], int], list[tuple[int, Compiled]]] = {}
+    for i, method in enumerate(methods):
+        if isinstance(method, Compiled):
+            alike.setdefault((type(method), id(method.sea)), []).append((i, method))
+    return [
+        part
+        for (kind, _), members in alike.items()
+        for part in kind.parts([method for _, method in members], places[[i for i, _ in members]])
+    ]

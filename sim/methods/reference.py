@@ -128,7 +128,7 @@ class Reference(Method):
             f"{self.halvings} halvings or {MOST_PIECES:,} triangles; use a larger tolerance"
         )
 
-    def _resolved(self, corners: Array) -> Array:
+    def _resolved(self, corners: Array) -> NDArray[np.bool_]:
         """Whether each triangle (N,) is small enough for samples to show the surface's shape.
         Samples on a large one may all meet the same phase of a short wave."""
         shortest = max((w.wavenumber for w in self.sea.waves), default=0.0)
@@ -159,13 +159,15 @@ class _Water:
 
     def heads(self, points: Array) -> Array:
         """Heads (...) [m] at points (..., 3) [m]."""
-        return self.sea.head(*np.moveaxis(points + self.position, -1, 0), self.time)
+        x, y, z = np.moveaxis(points + self.position, -1, 0)
+        return self.sea.head(x, y, z, self.time)
 
     def depths(self, points: Array, heads: Array) -> Array:
         """Depths (...) [m] of the points below the surface directly above, from their heads."""
         if self._still is self.sea:
             return heads
-        return self._still.head(*np.moveaxis(points + self.position, -1, 0), self.time)
+        x, y, z = np.moveaxis(points + self.position, -1, 0)
+        return self._still.head(x, y, z, self.time)
 
 
 def _horizontal_radius(corners: Array) -> Array:

@@ -13,9 +13,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.kernels import packed
-from sim.methods import METHODS, Batch, Place
-from sim.methods.method import NativePart
+from sim.kernels import address_of, packed
+from sim.methods import METHODS
+from sim.methods.method import Compiled, Part, parts_of
 from sim.mjcf.floats import FloatingGeom, moving_dofs
 from sim.mjcf.reading import Floating, stamp_of
 from sim.plugin import native
@@ -26,7 +26,14 @@ from sim.plugin.layout import (
     option_spans,
     picture_offsets,
 )
-from sim.plugin.memory import WORD, floats_at, function_address, mujoco_library, word_at
+from sim.plugin.memory import (
+    WORD,
+    callback_address,
+    floats_at,
+    function_address,
+    mujoco_library,
+    word_at,
+)
 from sim.resistance.drag import SURFACE
 from sim.resistance.reaction import HULL, hull_row
 
@@ -59,9 +66,9 @@ class Context:
         )
         drags = [f.drag for f in floats]
         self.has_resistance = any(drags)
-        self.batches = batches_of(floats, 1)
         surfaces = [drag.surface for drag in drags if drag] or [np.zeros(1, SURFACE)]
-        self._parts, self._push = self._method_of_pushing()
+        self._parts = parts_of([f.method for f in floats], [f.geom for f in floats])
+        self._push = self._push_with_python()
         self._block = packed(
             *_float_tables(model, floats), _hull_table(floats), np.concatenate(surfaces),
             sea.components, sea.water, _part_table(self._parts), _picture_table(what),
@@ -69,32 +76,34 @@ class Context:
         self._record = self._filled(model)
         self.address = int(self._record.ctypes.data)
 
-    def _method_of_pushing(self) -> tuple[list[NativePart], Callable[..., None] | None]:
-        """The hulls grouped by kernel. If a method has no kernel, there are no groups but a Python
-        function that computes all wrenches."""
-        of_batches = [batch.native() for batch in self.batches]
-        if None not in of_batches:
-            return [part for parts in of_batches for part in parts], None
+    def _push_with_python(self) -> Callable[..., None] | None:
+        """A function for `native.push_at` and the hulls whose methods have no kernel; None if there
+        are no such hulls."""
+        others = [i for i, f in enumerate(self.floats) if not isinstance(f.method, Compiled)]
+        if not others:
+            return None
 
         @ctypes.CFUNCTYPE(None, WORD, WORD, WORD, WORD)
         def push(context: int, model: int, data: int, wrenches: int) -> None:
+            native.push_at.call(context, model, data, wrenches)
             found = floats_at(wrenches, (len(self.floats), 6))
-            found[:] = np.nan  # remains if a method raises an error
+            found[others] = np.nan  # remains if a method raises an error
             places, rotations = (
                 floats_at(word_at(data + offsets()[name]), (self._geoms, size))
                 for name, size in (("geom_xpos", 3), ("geom_xmat", 9))
             )
             now = ctypes.c_double.from_address(data + offsets()["time"]).value
-            for batch in self.batches:
-                batch.write_wrenches(places, rotations, now, found)
+            for i in others:
+                geom, method = self.floats[i].geom, self.floats[i].method
+                found[i] = method.wrench(places[geom], rotations[geom], now)
 
-        return [], push
+        return push
 
     def _filled(self, model: mujoco.MjModel) -> Table:
         library, clock = mujoco_library(), function_address(ctypes.CDLL(None), "clock_gettime")
         self._geoms = model.ngeom
         record = blank()
-        push = ctypes.cast(self._push, ctypes.c_void_p).value if self._push else None
+        push = callback_address(self._push) if self._push else 0
         values = dict(
             bodies=model.nbody, geoms=model.ngeom, freedoms=model.nv, matrix=model.nC,
             hulls=len(self.floats), own=record.ctypes.data, block=self._block.ctypes.data,
@@ -147,17 +156,6 @@ class Context:
             places = wrenches.ctypes.data, found.ctypes.data
             native.resist_at.call(self.address, model._address, data._address, *places, 1)
         return found
-
-
-def batches_of(floats: Sequence[FloatingGeom], threads: int) -> list[Batch]:
-    """Group the floats into batches, one per class of methods and sea."""
-    alike: dict[tuple[type, int], list[tuple[int, FloatingGeom]]] = {}
-    for i, f in enumerate(floats):
-        alike.setdefault((type(f.method), id(f.method.sea)), []).append((i, f))
-    return [
-        kind.batch([f.method for _, f in members], [Place(f.geom, i) for i, f in members], threads)
-        for (kind, _), members in alike.items()
-    ]
 
 
 @cache
@@ -261,10 +259,12 @@ def _picture_table(what: Floating) -> Table:
     return row
 
 
-def _part_table(parts: Sequence[NativePart]) -> Table:
+def _part_table(parts: Sequence[Part]) -> Table:
+    """PART rows. Compiles the kernels."""
+    poses = np.empty((1, 3)), np.empty((1, 9)), 0.0, np.empty((1, 6))
     rows = [
-        (p.kernel, p.block.ctypes.data, p.block.size, p.places.ctypes.data, len(p.places),
-         p.places.itemsize)
-        for p in parts
+        (address_of(*part, *poses), part.block.ctypes.data, part.block.size,
+         part.places.ctypes.data, len(part.places), part.places.itemsize)
+        for part in parts
     ]  # fmt: skip
     return np.array(rows, native.PART)

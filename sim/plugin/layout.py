@@ -6,7 +6,7 @@ they are used, they are checked against a model and a state whose arrays are kno
 
 import ctypes
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -185,7 +185,7 @@ def _fields(struct: str) -> dict[str, int]:
     return places
 
 
-def _extent(kind: object) -> tuple[int, int]:
+def _extent(kind: Any) -> tuple[int, int]:
     """Size and alignment of a type in bytes."""
     if isinstance(kind, ast_nodes.PointerType):
         return 8, 8

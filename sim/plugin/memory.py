@@ -3,6 +3,7 @@
 import ctypes
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,11 +21,12 @@ def mujoco_library() -> ctypes.CDLL:
 def function_address(library: ctypes.CDLL, name: str) -> int:
     """The address of a library's function; 0 if the library has none of that name."""
     found = getattr(library, name, None)
-    return address_of(found) if found else 0
+    return callback_address(found) if found else 0
 
 
-def address_of(function: ctypes._CFuncPtr) -> int:
-    return ctypes.cast(function, ADDRESS).value
+def callback_address(function: Any) -> int:
+    """The address of a C function; 0 for none."""
+    return ctypes.cast(function, ADDRESS).value or 0
 
 
 def word_at(address: int) -> int:
@@ -40,4 +42,5 @@ def integers_at(address: int, count: int) -> list[int]:
 def floats_at(address: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Doubles at an address, as an array that shares the memory."""
     count = int(np.prod(shape))
-    return np.frombuffer((ctypes.c_double * count).from_address(address)).reshape(shape)
+    numbers: Any = (ctypes.c_double * count).from_address(address)
+    return np.frombuffer(numbers).reshape(shape)

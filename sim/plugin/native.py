@@ -418,7 +418,7 @@ def set_motion(step, body, pose, reaction_out):
     twist_at(own, arm, pose.rotation, r.bias[:])
 
 
-@kernel
+@inline
 def react(step, body, pose, number, reaction_out):
     """Compute the REACTION of the HULL with a number, in its own frame: all water loads besides
     buoyancy. Returns the rate [1/s] at which the hull loses angular momentum."""

@@ -37,7 +37,7 @@ from sim.plugin.memory import (
     ADDRESS,
     INTEGER,
     WORD,
-    address_of,
+    callback_address,
     floats_at,
     integers_at,
     mujoco_library,
@@ -356,12 +356,12 @@ def register() -> None:
     """Register the plugins with MuJoCo. Kernels join when the first model needs them, so importing
     the package compiles nothing."""
     water = Plugin(name=NAME.encode(), capabilities=PASSIVE)
-    water.nstate, water.init = address_of(_nstate), address_of(_init)
+    water.nstate, water.init = callback_address(_nstate), callback_address(_init)
     sensor = Plugin(name=GAUGE.encode(), capabilities=SENSOR, stage=POSITION_STAGE)
-    sensor.nstate, sensor.init = address_of(_no_state), address_of(_init_gauge)
-    sensor.nsensordata = address_of(_gauged)
+    sensor.nstate, sensor.init = callback_address(_no_state), callback_address(_init_gauge)
+    sensor.nsensordata = callback_address(_gauged)
     for plugin in (water, sensor):
-        plugin.reset = plugin.compute = address_of(_nothing)
+        plugin.reset = plugin.compute = callback_address(_nothing)
         if _slot(plugin.name.decode()) < 0:
             mujoco_library().mjp_registerPlugin(ctypes.byref(plugin))
     with reading():  # compiles a model, which `init` must not do inside the compiler
@@ -377,11 +377,14 @@ def _join_kernels() -> None:
         native.SEAM[number] = offsets()[name]
     native.SEAM[native.SLOT] = _slot(NAME)
     native.SEAM[native.SLABS] = homes.directory.ctypes.data
-    native.SEAM[native.FIND], native.SEAM[native.RENEW] = address_of(_find), address_of(_renew)
+    native.SEAM[native.FIND], native.SEAM[native.RENEW] = (
+        callback_address(_find),
+        callback_address(_renew),
+    )
     plugin = _plugin(NAME)
     plugin.reset, plugin.compute = native.reset_at.address, native.compute_at.address
     plugin.copy, plugin.destroy = native.copy_at.address, native.destroy_at.address
-    plugin.visualize = address_of(_draw)
+    plugin.visualize = callback_address(_draw)
 
 
 @atexit.register

@@ -241,7 +241,7 @@ def _surface(members: list[Indices], sizes: Array, centres: Array, vectors: Arra
             surface[axis][0, i], surface[f"normal_{axis}"][0, i] = place, part
         surface["area"][0, i], surface["radius"][0, i] = area, np.sqrt(area / np.pi)
         surface["flat"][0, i] = np.linalg.norm(vector)
-    for name in SURFACE.names:
+    for name in SURFACE.names or ():
         if name not in ("area", "flat"):
             surface[name][0, len(members) :] = surface[name][0, 0]
     return read_only(surface)
@@ -280,7 +280,7 @@ def label_steps(sea: Sea, size: float) -> tuple[int, float]:
     if not speeds.any():
         return 1, np.inf
     wavenumber = np.linalg.norm(waves["wavenumber"] * speeds) / np.linalg.norm(speeds)
-    allowed = LABEL_ERROR * min(size, 1.0 / wavenumber)
+    allowed = LABEL_ERROR * min(size, float(1.0 / wavenumber))
     steps, residual = newton_steps(sea, allowed)
     return steps, SAFETY * residual
 

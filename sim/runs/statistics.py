@@ -68,11 +68,12 @@ def spectra(times: ArrayLike, *series: ArrayLike) -> tuple[Array, list[Array]]:
     scale = 2.0 * step / float(window @ window)
     found = []
     for values in series:
-        values = np.asarray(values, dtype=float) - np.mean(values)
-        starts = range(0, len(values) - length + 1, length // 2)
-        segments = [np.fft.rfft(window * values[start : start + length]) for start in starts]
+        numbers = np.asarray(values, dtype=float)
+        numbers = numbers - numbers.mean()
+        starts = range(0, len(numbers) - length + 1, length // 2)
+        segments = [np.fft.rfft(window * numbers[start : start + length]) for start in starts]
         found.append(scale * np.mean(np.abs(segments) ** 2, axis=0))
-    return np.fft.rfftfreq(length, step), found
+    return np.asarray(np.fft.rfftfreq(length, step), dtype=float), found
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,8 @@ def mean_of_correlated(series: ArrayLike) -> Mean:
         raise ValueError(
             f"the series has {series.size} samples; the error of its mean needs {FEWEST_BATCHES}"
         )
-    chosen, settled = None, False
+    chosen: tuple[float, int, int] | None = None
+    settled = False
     length = 1
     while series.size // length >= FEWEST_BATCHES:
         count = series.size // length
@@ -126,4 +128,5 @@ def mean_of_correlated(series: ArrayLike) -> Mean:
             chosen = (float(error), count, length)
         settled = quiet
         length *= 2
+    assert chosen is not None  # the first length has FEWEST_BATCHES batches or more
     return Mean(float(series.mean()), *chosen, settled=settled)

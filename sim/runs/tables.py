@@ -30,7 +30,8 @@ def write_columns(path: Path, columns: Mapping[str, Column], ending: str | None 
         pyarrow.parquet.write_table(pyarrow.table(columns), path)
     elif kind == ".npz":
         with path.open("wb") as file:
-            np.savez_compressed(file, **columns)
+            arrays: dict[str, Any] = dict(columns)
+            np.savez_compressed(file, **arrays)
     else:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)

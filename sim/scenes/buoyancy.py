@@ -3,7 +3,6 @@
 The water acts without this class: MuJoCo calls the plugin (see `plugin.seam`) in every step.
 """
 
-from dataclasses import replace
 from functools import cached_property
 from typing import NoReturn
 
@@ -11,11 +10,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.methods import Batch, Linear, Patches
+from sim.methods import Linear, Patches
+from sim.methods.method import Part, parts_of
 from sim.mjcf.faults import ModelError
 from sim.mjcf.floats import FloatingGeom, body_label
 from sim.plugin import native, seam
-from sim.plugin.context import Context, batches_of
+from sim.plugin.context import Context
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -108,14 +108,15 @@ class Buoyancy:
         if sea.pressure == "hydrostatic" or not sea.waves:
             lifts = (self.push(data) if push is None else push)[:, 2] / self._displaced
         else:
-            lifts = np.empty((len(self.floats), 6))
-            for batch in self._still_batches:
-                batch.write_wrenches(data.geom_xpos, data.geom_xmat, data.time, lifts)
-            lifts = lifts[:, 2]
+            wrenches, poses = np.empty((len(self.floats), 6)), (data.geom_xpos, data.geom_xmat)
+            for kernel, block, places in self._still_parts:
+                kernel(block, places, *poses, data.time, wrenches)
+            known = np.isfinite(np.hstack(poses)[self._geoms]).all(axis=1) & np.isfinite(data.time)
+            lifts = np.where(known, wrenches[:, 2], np.nan)
         return lifts / (sea.density * sea.gravity)
 
     @cached_property
-    def _still_batches(self) -> list[Batch]:
+    def _still_parts(self) -> list[Part]:
         """The hulls in the same sea with hydrostatic pressure: patches on few faces, linear on
         many."""
         still, made = self.sea.hydrostatic, {}
@@ -123,7 +124,8 @@ class Buoyancy:
             hull = f.method.hull
             kind = Patches if len(hull.faces) < FINE_FACES else Linear
             made.setdefault(id(hull), kind(hull, still))
-        return batches_of([replace(f, method=made[id(f.method.hull)]) for f in self.floats], 1)
+        methods = [made[id(f.method.hull)] for f in self.floats]
+        return parts_of(methods, [f.geom for f in self.floats])
 
     def drag_wrenches(self, data: mujoco.MjData, push: Array | None = None) -> Array:
         """Drag on every body of `bodies`, (B, 6) [N, N m], in world axes, about its centre of mass.

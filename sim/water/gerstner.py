@@ -264,8 +264,10 @@ def is_solved(x, y, residual_squared, tolerance):
 
 
 @kernel
-def safeguarded_steps(x, y, guess_x, guess_y, waves, time, tolerance, labels, sums):
-    """The iteration of `solve_point`, in given workspaces."""
+def solve_point(x, y, guess_x, guess_y, waves, time, tolerance, labels, sums):
+    """Solve one point by safeguarded Newton steps from a guess of its label. A step is halved until
+    the residual falls. Return label x, label y and height, all NaN for a point that is not finite.
+    The workspaces are LABELS and SUMS."""
     at, p = labels[0], sums[0]
     at.x[0], at.y[0] = guess_x, guess_y
     best = np.inf
@@ -290,15 +292,6 @@ def safeguarded_steps(x, y, guess_x, guess_y, waves, time, tolerance, labels, su
     at.x[0], at.y[0] = label_x, label_y  # in a fold no step may help: what came nearest
     wave_sums(ONE, waves, time, labels, sums)
     return label_x, label_y, p.z[0]
-
-
-@kernel
-def solve_point(x, y, guess_x, guess_y, waves, time, tolerance):
-    """Solve one point by safeguarded Newton steps from a guess of its label. A step is halved until
-    the residual falls. Return label x, label y and height, all NaN for a point that is not
-    finite."""
-    labels, sums = np.empty(1, LABELS), np.empty(1, SUMS)
-    return safeguarded_steps(x, y, guess_x, guess_y, waves, time, tolerance, labels, sums)
 
 
 @kernel
@@ -332,14 +325,14 @@ def unsolved_points(x, y, labels, tolerance):
 
 
 @kernel
-def solve_others(x, y, labels, waves, time, tolerance, heights_out, labels_out):
-    """Solve the points x, y: (N,) [m] that are not solved yet, one by one, for labels and
-    heights."""
+def solve_others(x, y, labels, waves, time, tolerance, work, sums, heights_out, labels_out):
+    """Solve the points x, y: (N,) [m] that are not solved yet, one by one, for labels and heights.
+    The workspaces are LABELS and SUMS."""
     at, to = labels[0], labels_out[0]
     for i in range(x.size):
         if not is_solved(x[i], y[i], at.residual[i], tolerance):
             to.x[i], to.y[i], heights_out[i] = solve_point(
-                x[i], y[i], x[i], y[i], waves, time, tolerance
+                x[i], y[i], x[i], y[i], waves, time, tolerance, work, sums
             )
 
 
@@ -364,7 +357,7 @@ def solve_labels(x, y, guess, waves, time, tolerance, at_least, heights_out, lab
                 break
     copy_labels(x.size, here, labels_out)
     if unsolved > 0:
-        solve_others(x, y, here, waves, time, tolerance, heights_out, labels_out)
+        solve_others(x, y, here, waves, time, tolerance, there, sums, heights_out, labels_out)
 
 
 @kernel

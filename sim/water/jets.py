@@ -114,7 +114,7 @@ def add_third(h, i, s, c, dx, dy):
     h.y_yyy[i] += yy * yy * s
 
 
-@inline
+@kernel
 def add_wave_jet(at, p, h, count, wave, time):
     """Add one wave to the SUMS and HIGHER_SUMS of the first `count` labels, and store its sine and
     cosine. The loops have few fields each, so that the compiler vectorises them."""

@@ -41,7 +41,7 @@ from sim.hulls.hull import Hull
 from sim.hulls.triangle import clip_dry_part
 from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
 from sim.methods.linear import write_turned
-from sim.methods.method import Compiled, Kernel, Part, Place, Settings
+from sim.methods.method import Compiled, Part, Settings
 from sim.methods.patches.fit import CENTRE_SHIFT_RADII, jet_waves, steepest_slope
 from sim.methods.patches.polynomial import (
     BENDING,
@@ -152,23 +152,16 @@ class Patches(Compiled):
         return cls(hull, sea, settings.buoyancy_tolerance)
 
     @classmethod
-    def kernel(cls) -> Kernel:
-        return patches_wrenches
-
-    @classmethod
-    def parts(cls, methods: Sequence[Self], places: Sequence[Place], count: int) -> list[Part]:
-        """Hulls with the same tree share it, and all parts share one block. Raises ValueError for
-        hulls in different seas."""
+    def parts(cls, methods: Sequence[Self], places: Table) -> list[Part]:
+        """One part. Hulls with the same tree share it."""
         sea = methods[0].sea
-        if any(method.sea is not sea for method in methods):
-            raise ValueError("hulls of a batch must float in one sea; make a batch for each sea")
         of_trees = list({id(method.tree): method for method in methods}.values())
         numbers = {id(method.tree): i for i, method in enumerate(of_trees)}
         first = np.cumsum([0] + [len(method.tree.patches) for method in of_trees])
         which = [numbers[id(method.tree)] for method in methods]
         instances = np.array(
             [
-                (place.pose, place.row, first[w], first[w + 1], w)
+                (place["pose"], place["row"], first[w], first[w + 1], w)
                 for w, place in zip(which, places, strict=True)
             ],
             INSTANCE,
@@ -184,9 +177,7 @@ class Patches(Compiled):
         waves = np.concatenate([method.fitted for method in of_trees])
         block = packed(*joined([m.tree for m in of_trees]), waves, sea.water, solve)
         instances = instances[np.argsort(which, kind="stable")]
-        dealt = [instances[i::count] for i in range(min(count, len(instances)))]
-        dealt.sort(key=lambda part: -np.sum(part["end"] - part["first"]))
-        return [Part(block, read_only(np.ascontiguousarray(part))) for part in dealt]
+        return [Part(patches_wrenches, block, read_only(instances))]
 
     def heads_at_vertices(
         self, position: ArrayLike, rotation: ArrayLike, time: float
@@ -196,7 +187,8 @@ class Patches(Compiled):
         reach."""
         positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
         rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
-        chosen, reached = polynomials_of(*self._alone, positions, rotations, float(time))
+        _, block, instances = self._alone
+        chosen, reached = polynomials_of(block, instances, positions, rotations, float(time))
         patches, leaves = self.tree.patches, self.tree.leaves
         coefficients = np.full((len(patches), MONOMIALS), np.nan)
         coefficients[chosen["patch"]] = reached["c"]
@@ -463,7 +455,7 @@ def keep_reached(patches, reach, points_out, near_out, chosen_out):
     return kept
 
 
-@kernel
+@inline
 def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomials_out):
     """Polynomials (N,) of the heads around the chosen patches' centres, from fitted waves."""
     x, y, above, residual = points.x, points.y, points.above, sea.solve[0].residual
@@ -477,7 +469,7 @@ def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomia
         head_polynomials(jets, above, chosen, rotations, polynomials_out)
 
 
-@kernel
+@inline
 def reached_polynomials(tree, sea, instances, positions, rotations, time):
     """The CHOSEN patches that the water could reach, and the POLYNOMIAL of the head over each."""
     most, solve = most_patches(instances) + 1, sea.solve[0]
@@ -540,10 +532,7 @@ def patches_wrenches(block, instances, positions, rotations, time, wrenches_out)
     if chosen.size > 0:
         surface_sums(tree, chosen, polynomials, sums)
     for i in range(instances.size):
-        position, rotation = positions[instances[i].pose], rotations[instances[i].pose]
-        factor = scale
-        if not np.isfinite(np.sum(position) + np.sum(rotation)):
-            factor = np.nan  # otherwise no node is wet and the hull would count as dry
+        rotation = rotations[instances[i].pose]
         for j in range(9):
-            turn[j] = factor * rotation[j]
+            turn[j] = scale * rotation[j]
         write_turned(sums[i], turn, 1.0, wrenches_out[instances[i].row])

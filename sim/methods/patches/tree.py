@@ -323,7 +323,7 @@ class _Builder:
         at = (which[:, None] * LEAF_VERTICES + slots).ravel()
         room = (int(which.max()) + 1) * LEAF_VERTICES
         sums = np.stack([np.bincount(at, part, room) for part in shares.T])
-        return np.ascontiguousarray(sums.reshape(6, -1, LEAF_VERTICES).transpose(1, 0, 2))
+        return np.ascontiguousarray(sums.reshape(6, -1, LEAF_VERTICES).transpose(1, 0, 2), float)
 
     def _patches(self, chosen: Integers) -> Iterator[tuple[Integers, Array, float]]:
         """Divide triangles until they fit a patch. Yield its triangles, centre and radius."""

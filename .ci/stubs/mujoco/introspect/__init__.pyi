@@ -1,0 +1,4 @@
+from typing import Any
+
+ast_nodes: Any
+structs: Any
