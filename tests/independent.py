@@ -25,8 +25,8 @@ ROUND_OFF = 1e-12
 
 
 def three_waves(steepness: float = 0.45) -> Sea:
-    """Three crossing waves, the longest of 4 m, with a given sum of k a. The pressure is hydrostatic
-    as in this file's quadrature and in closed forms. `test_head` tests the decaying pressure."""
+    """Three crossing waves, the longest of 4 m, with a given sum of k a. Pressure is hydrostatic as
+    in this file's quadrature and in closed forms; `test_head` tests the decaying pressure."""
     shape = [(0.10, 4.0, 0.0, 0.0), (0.06, 2.4, 0.96, 0.7), (0.03, 1.4, -1.13, 1.9)]
     waves = [Wave(*numbers) for numbers in shape]
     scale = steepness / sum(w.steepness for w in waves)

@@ -213,7 +213,8 @@ def test_changed_hulls_of_a_batch_act_after_its_reset(threads, persistent):
 
 
 def test_methods_in_python_work_in_batches():
-    scene = afloat(custom=WAVES, load=dict(settings={"buoyancy_method": "reference"}))
+    settings = {"buoyancy_method": "reference", "reference_tolerance": 1e-4}
+    scene = afloat(custom=WAVES, load=dict(settings=settings))
     batch = batch_of(scene, STARTS[:2], nthread=2)
     batch.step(nstep=3)
     for end, start in zip(batch.bind("qpos"), STARTS, strict=False):

@@ -317,7 +317,7 @@ def test_many_models_and_states_leave_no_growth():
     for i in range(2 * MOST_UNUSED_CONTEXTS):
         wave = f'<numeric name="wave_a" data="0.01 {4.0 + 0.01 * i} 0 0"/>'
         compiled = model(custom=linear + wave)
-        for _ in range(SLAB // MOST_UNUSED_CONTEXTS):
+        for _ in range(SLAB // MOST_UNUSED_CONTEXTS // 2 + 1):  # more than a slab in total
             data = mujoco.MjData(compiled)
     del compiled, data
     gc.collect()
