@@ -185,6 +185,7 @@ def test_unusable_input_gives_one_line_and_status_2(
 
 def test_default_tolerance_holds_for_a_ship_in_many_waves(monkeypatch):
     monkeypatch.setattr("benchmarks.ship.POSE_COUNT", 3)
+    monkeypatch.setattr("benchmarks.ship.TRUTH_SUBDIVISIONS", 1)
     mesh = load_mesh("wigley")
     hull = ship(mesh)
     np.testing.assert_allclose(np.ptp(hull.bounds, axis=0), SIZE, rtol=1e-12)
