@@ -1,6 +1,8 @@
 """Recordings match the samples that they were made from."""
 
 import gc
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -369,7 +371,7 @@ def test_an_open_viewer_receives_the_run(tmp_path):
     listener = subprocess.Popen(
         [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
         + ["--save", str(path)],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
     try:
         wait_until(lambda: listens(port))
@@ -380,7 +382,7 @@ def test_an_open_viewer_receives_the_run(tmp_path):
                 samples.append(sample)
         wait_until(lambda: path.is_file() and "mean of" in last_overview(path))
     finally:
-        listener.kill()
+        os.killpg(listener.pid, signal.SIGKILL)  # also the viewer that Python has started
         listener.wait()
     _, heights = read(path, "plots/height/cube", "Scalars:scalars")
     np.testing.assert_array_equal(np.ravel(heights), [s.centres[0, 2] for s in samples])
