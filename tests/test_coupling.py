@@ -137,10 +137,10 @@ def test_models_states_and_buoyancies_are_freed():
     mujoco.mj_step(compiled, data)
     mujoco.mj_resetData(compiled, data)
     assert sys.getrefcount(data) == count
-    kept = weakref.ref(buoyancy)
+    reference = weakref.ref(buoyancy)
     del data, buoyancy
     gc.collect()
-    assert kept() is None
+    assert reference() is None
     assert sys.getrefcount(compiled) == before
     assert context.users == 0
 

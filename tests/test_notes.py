@@ -198,12 +198,12 @@ NEARLY_ALIKE = {
 @pytest.mark.parametrize("case", NEARLY_ALIKE)
 def test_notes_belong_to_the_model_and_not_to_a_similar_one(case, is_first):
     """In either order. No other test has the water level of these models."""
-    fine, odd, message = NEARLY_ALIKE[case]
+    faultless, noted, message = NEARLY_ALIKE[case]
     level = 1e-6 * (2 * list(NEARLY_ALIKE).index(case) + is_first + 1)
     custom = f'<numeric name="water_level" data="{level}"/>'
-    for changes in (fine, odd)[:: 1 if is_first else -1]:
+    for changes in (faultless, noted)[:: 1 if is_first else -1]:
         notes = " ".join(notes_of(**changes, custom=custom))
-        assert (message in notes) == (changes is odd)
+        assert (message in notes) == (changes is noted)
 
 
 def test_notes_can_be_errors_or_silent():

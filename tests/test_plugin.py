@@ -350,18 +350,18 @@ def test_a_restored_state_continues_with_its_push(kind):
     """It is restored into the same MjData and into another one. FULLPHYSICS has no xfrc_applied, so
     the push of the other MjData stays."""
     scene, kind = cube(custom=WAVES), getattr(mujoco.mjtState, f"mjSTATE_{kind}")
-    data, kept = scene.data, np.empty(mujoco.mj_stateSize(scene.model, kind))
+    data, saved = scene.data, np.empty(mujoco.mj_stateSize(scene.model, kind))
     data.xfrc_applied[1] = PUSH
     mujoco.mj_step(scene.model, data, nstep=10)
-    mujoco.mj_getState(scene.model, data, kept, kind)
+    mujoco.mj_getState(scene.model, data, saved, kind)
     mujoco.mj_step(scene.model, data, nstep=10)
     expected = state(data)
-    mujoco.mj_setState(scene.model, data, kept, kind)
+    mujoco.mj_setState(scene.model, data, saved, kind)
     mujoco.mj_step(scene.model, data, nstep=10)
     np.testing.assert_array_equal(state(data), expected)
     np.testing.assert_array_equal(scene.buoyancy.pushes(data), [PUSH])
     other = mujoco.MjData(scene.model)
-    mujoco.mj_setState(scene.model, other, kept, kind)
+    mujoco.mj_setState(scene.model, other, saved, kind)
     mujoco.mj_step(scene.model, other, nstep=10)
     if kind == mujoco.mjtState.mjSTATE_INTEGRATION:
         np.testing.assert_array_equal(state(other), expected)
