@@ -1,9 +1,13 @@
-"""Computations that share no code with the package, to hold it against; seeded poses and seas."""
+"""Independent computations that share no code with the package, and seeded poses and seas."""
 
+import os
 import runpy
 import signal
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
 
 import numpy as np
 import trimesh
@@ -17,12 +21,12 @@ MODELS = REPOSITORY / "models"
 DENSITY, GRAVITY = 1025.0, 9.81
 
 ROUND_OFF = 1e-12
-"""Relative error that sums over some thousand triangles in double precision may leave."""
+"""Relative round-off error of sums over some thousand triangles in double precision."""
 
 
 def three_waves(steepness: float = 0.45) -> Sea:
-    """Three crossing waves, longest 4 m, of a given sum of k a; hydrostatic, as the closed forms
-    and the quadrature here are (`test_head` has the pressure that decays)."""
+    """Three crossing waves, the longest of 4 m, with a given sum of k a. Pressure is hydrostatic as
+    in this file's quadrature and in closed forms; `test_head` tests the decaying pressure."""
     shape = [(0.10, 4.0, 0.0, 0.0), (0.06, 2.4, 0.96, 0.7), (0.03, 1.4, -1.13, 1.9)]
     waves = [Wave(*numbers) for numbers in shape]
     scale = steepness / sum(w.steepness for w in waves)
@@ -35,7 +39,7 @@ def random_rotation(rng: np.random.Generator) -> np.ndarray:
 
 
 def meshes() -> dict[str, trimesh.Trimesh]:
-    """Closed meshes about 1 m long: convex, with a hole, and a real one."""
+    """Closed meshes about 1 m long: a convex one, one with a hole, and a scan."""
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.5)
     torus = trimesh.creation.torus(major_radius=0.35, minor_radius=0.15)
     return {"icosphere": ball, "torus": torus, "bunny": load_mesh("bunny")}
@@ -46,9 +50,9 @@ def load_mesh(name: str) -> trimesh.Trimesh:
 
 
 def volume_below(mesh: trimesh.Trimesh, height: float) -> float:
-    """Volume [m^3] of a closed mesh below a height, by cutting the mesh with trimesh.
+    """Volume [m^3] of a closed mesh below a height, cut by trimesh.
 
-    Cones from a point in the cutting plane make up the volume; the cap's own cones have no
+    The volume is a sum of cones from a point in the cutting plane. Cones over the cut have no
     height, so the cut may stay open.
     """
     origin, down = np.array([0.0, 0.0, height]), np.array([0.0, 0.0, -1.0])
@@ -60,8 +64,8 @@ def volume_below(mesh: trimesh.Trimesh, height: float) -> float:
 
 
 def clip(corners: np.ndarray, heads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Wet parts of triangles (N, 3, 3) whose heads (N, 3) are linear, as triangles again, one
-    polygon after the other (Sutherland and Hodgman 1974)."""
+    """Wet pieces of triangles (N, 3, 3) with linear heads (N, 3), as triangles and their heads.
+    Polygons are clipped one by one (Sutherland and Hodgman 1974)."""
     wet_corners, wet_heads = [], []
     for triangle, head in zip(corners, heads, strict=True):
         points, values = [], []
@@ -81,7 +85,7 @@ def clip(corners: np.ndarray, heads: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def wet_triangles(hull: Hull, sea: Sea, position, rotation, time: float):
-    """Corners (N, 3, 3) [m, world] and heads (N, 3) [m] of the wet parts of a hull."""
+    """Corners (N, 3, 3) [m, world] and heads (N, 3) [m] of the wet pieces of a hull's triangles."""
     vertices = hull.vertices @ np.asarray(rotation).T + position
     heads = sea.elevation(vertices[:, 0], vertices[:, 1], time) - vertices[:, 2]
     return clip(vertices[hull.faces], heads[hull.faces])
@@ -104,7 +108,7 @@ def quadrature_wrench(corners, heads, about) -> np.ndarray:
 
 
 def random_poses(count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """Positions within 3 m sideways and 0.4 m of the level, any rotation, times within 10 s."""
+    """Poses: positions within 3 m sideways and 0.4 m of the level, any rotation, times to 10 s."""
     rng = np.random.default_rng(seed)
     return [
         (rng.uniform(-1.0, 1.0, 3) * [3.0, 3.0, 0.4], random_rotation(rng), rng.uniform(0.0, 10.0))
@@ -113,7 +117,7 @@ def random_poses(count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray, fl
 
 
 def relative_error(wrench: np.ndarray, truth: np.ndarray, hull: Hull) -> float:
-    """Largest error over force and torque, relative to density * gravity * volume (* 1 m)."""
+    """Largest error of force and torque, relative to density * gravity * volume (* 1 m)."""
     return float(np.abs(wrench - truth).max() / (DENSITY * GRAVITY * hull.volume))
 
 
@@ -124,21 +128,41 @@ def mean_error(wrenches: list[np.ndarray], truths: list[np.ndarray], hull: Hull)
 
 
 def status_of(script: str, *arguments: object) -> int:
-    """Exit status of a script, run in this process, which saves starting one."""
+    """Exit status of a script that runs in this process, which is faster than starting one."""
     path = str(REPOSITORY / "scripts" / script)
-    kept, sys.argv = sys.argv, [path, *map(str, arguments)]
+    former, sys.argv = sys.argv, [path, *map(str, arguments)]
     handlers = [signal.getsignal(stop) for stop in command_line.STOPS]
     try:
         runpy.run_path(path, run_name="__main__")
     except SystemExit as left:
         return left.code
     finally:
-        sys.argv = kept
+        sys.argv = former
         for stop, handler in zip(command_line.STOPS, handlers, strict=True):
             signal.signal(stop, handler)
 
 
-def hear_ctrl_c() -> None:
-    """For a child before it starts: where the tests run in the background SIGINT is ignored, and
-    children would inherit that."""
+@contextmanager
+def sending(number: int, when: Callable[[], bool]) -> Iterator[None]:
+    """Send a signal to this process as soon as a condition holds, unless the block ends first."""
+    ended = Event()
+
+    def send() -> None:
+        while not ended.wait(0.02):
+            if when():
+                os.kill(os.getpid(), number)
+                return
+
+    thread = Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def receive_ctrl_c() -> None:
+    """Let a child process receive Ctrl-C; a `preexec_fn`. Background jobs ignore SIGINT, and their
+    children inherit that."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -1,4 +1,4 @@
-"""Hulls as public files have them, generated: open, doubled, in millimetres, inside out."""
+"""Generated hulls with the faults of public files: open, doubled, in millimetres, inside out."""
 
 import numpy as np
 import trimesh
@@ -20,22 +20,22 @@ def joined(*meshes: Mesh) -> Mesh:
 
 
 def without_top(mesh: Mesh) -> Mesh:
-    """Its faces that face straight up taken away."""
+    """The mesh without the faces that face straight up."""
     return made(mesh.vertices, mesh.faces[mesh.face_normals[:, 2] < 0.99])
 
 
 def clipped(corners: np.ndarray) -> np.ndarray:
-    """The triangles (F, 3, 3) cut off at z = 0, those below."""
+    """The pieces of triangles (F, 3, 3) below z = 0, as triangles."""
     wet = corners[:, :, 2] < 0.0
     count = wet.sum(axis=1)
     pieces = [corners[count == 3]]
-    for alone in (1, 2):
-        cut, is_wet = corners[count == alone], wet[count == alone]
-        lone = (is_wet if alone == 1 else ~is_wet).argmax(axis=1)  # the corner on its own side
-        turn = (lone[:, None] + np.arange(3)) % 3
-        a, b, c = np.moveaxis(np.take_along_axis(cut, turn[:, :, None], axis=1), 1, 0)
+    for wet_count in (1, 2):
+        cut, is_wet = corners[count == wet_count], wet[count == wet_count]
+        lone = (is_wet if wet_count == 1 else ~is_wet).argmax(axis=1)  # alone on its side
+        order = (lone[:, None] + np.arange(3)) % 3
+        a, b, c = np.moveaxis(np.take_along_axis(cut, order[:, :, None], axis=1), 1, 0)
         ab, ac = _crossing(a, b), _crossing(a, c)
-        if alone == 1:
+        if wet_count == 1:
             pieces.append(np.stack([a, ab, ac], axis=1))
         else:
             pieces += [np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)]
@@ -43,7 +43,7 @@ def clipped(corners: np.ndarray) -> np.ndarray:
 
 
 def _crossing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Points (N, 3) where the sides from a to b, on both sides of z = 0, cross it."""
+    """Points (N, 3) at which the edges from a to b cross z = 0."""
     share = (a[:, 2] / (a[:, 2] - b[:, 2]))[:, None]
     point = a + share * (b - a)
     point[:, 2] = 0.0
@@ -63,7 +63,7 @@ def open_catamaran() -> Mesh:
 
 
 def seven_rims() -> Mesh:
-    """A long box of eight cells with seven of their tops missing: rims that are flat."""
+    """Eight boxes in a row, seven of them without tops: seven flat rims."""
     return joined(*(
         (without_top if i else lambda m: m)(box([1.0, 1.0, 0.5], [1.5 * i, 0.0, 0.0]))
         for i in range(8)
@@ -71,7 +71,7 @@ def seven_rims() -> Mesh:
 
 
 def unmerged() -> Mesh:
-    """Each face with vertices of its own, as STL has them."""
+    """A capsule whose faces share no vertices, as in an STL file."""
     mesh = capsule(0.3, 2.0)
     return made(
         mesh.vertices[mesh.faces].reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3)
@@ -79,14 +79,14 @@ def unmerged() -> Mesh:
 
 
 def four_faces_at_an_edge() -> Mesh:
-    """Two boxes that touch along one edge, whose vertices are shared."""
+    """Two boxes that touch along one edge and share its vertices."""
     both = joined(box([1.0, 1.0, 1.0]), box([1.0, 1.0, 1.0], [1.0, 1.0, 0.0]))
     both.merge_vertices()
     return made(both.vertices, both.faces)
 
 
 def t_junction() -> Mesh:
-    """A box one of whose sides is divided at an edge that its neighbour does not divide."""
+    """A box with an edge that is divided in one of its faces and not in the other."""
     mesh = box([2.0, 1.0, 1.0])
     face = int(np.flatnonzero(mesh.face_normals[:, 2] > 0.99)[0])
     a, b, c = mesh.faces[face]
@@ -115,7 +115,7 @@ def in_millimetres() -> Mesh:
 
 
 def inside_out() -> Mesh:
-    """Two parts, one of which faces inward."""
+    """Two boxes, one of which faces inward."""
     one = box([1.0, 1.0, 1.0], [3.0, 0.0, 0.0])
     return joined(box([1.0, 1.0, 1.0]), made(one.vertices, one.faces[:, ::-1]))
 
@@ -126,7 +126,7 @@ def drawn_twice() -> Mesh:
 
 
 def open_boat(thickness: float = 0.05) -> Mesh:
-    """A closed thin shell, open on top: a tub with walls and a bottom."""
+    """A tub with walls and a bottom, open on top. Its surface is closed."""
     outer, inner = [2.0, 1.0, 0.5], [2.0 - 2 * thickness, 1.0 - 2 * thickness, 0.5]
     tub = trimesh.boolean.difference(
         [box(outer), box(inner, [0.0, 0.0, thickness])], engine="manifold"
@@ -135,7 +135,7 @@ def open_boat(thickness: float = 0.05) -> Mesh:
 
 
 def two_cells() -> Mesh:
-    """Two boxes that share a wall, drawn with both its sides, vertices merged."""
+    """Two boxes with a common wall, which has a face on each side, and merged vertices."""
     both = joined(box([1.0, 1.0, 1.0], [-0.5, 0.0, 0.0]), box([1.0, 1.0, 1.0], [0.5, 0.0, 0.0]))
     both.merge_vertices()
     return made(both.vertices, both.faces)
@@ -150,4 +150,4 @@ VOLUMES = {
     "inside out": (inside_out, 2.0),
     "drawn twice": (drawn_twice, float(capsule(0.3, 2.0).volume)),
 }
-"""Hulls that a repair closes, and the volume [m^3] that they have then."""
+"""Hulls that a repair closes, and their volumes [m^3] after it."""

@@ -28,7 +28,7 @@ def xml(
     assets: str = "",
     extra: str = "",
 ) -> str:
-    """An MJCF model whose named geoms float; flat water unless `custom` has waves."""
+    """An MJCF model whose named geoms float. The water is flat unless `custom` has waves."""
     elements = "".join(f'<element objtype="geom" objname="{g}" prm="0"/>' for g in buoyant)
     listed = f'<tuple name="buoyant">{elements}</tuple>' if buoyant else ""
     return f"""<mujoco model="test">
@@ -51,5 +51,5 @@ def model(*args, **kwargs) -> mujoco.MjModel:
 
 
 def afloat(*args, load: dict[str, Any] | None = None, **kwargs) -> Scene:
-    """The scene of `xml` with the same arguments; load: what overrules it."""
+    """The scene of `xml` with the same arguments. load: keyword arguments of `Scene.load`."""
     return Scene.load(mujoco.MjSpec.from_string(xml(*args, **kwargs)), **(load or {}))

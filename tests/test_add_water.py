@@ -1,4 +1,4 @@
-"""Models that somebody else wrote, put into the water by add_water or Scene.load."""
+"""Models without water that add_water or Scene.load makes float."""
 
 import mujoco
 import numpy as np
@@ -8,7 +8,7 @@ from scenes import CUBE, WATER, WAVES, model, xml
 from sim import Buoyancy, ModelError, Scene, add_water
 
 DRY = f"""
-<mujoco model="somebodys">
+<mujoco model="dry">
   <custom><numeric name="gain" data="1 2"/></custom>
   <worldbody>{CUBE}
     <body name="arm" pos="3 0 0"><freejoint/><geom type="sphere" size="0.2" density="500"/>
@@ -21,12 +21,12 @@ def floating(spec: mujoco.MjSpec) -> tuple[str, ...]:
     return Buoyancy.of(spec.compile()).body_names
 
 
-def test_bodies_float_with_all_that_hangs_on_them():
+def test_bodies_float_with_their_descendants():
     assert floating(add_water(mujoco.MjSpec.from_string(DRY), "arm")) == ("arm", "hand")
     assert floating(add_water(mujoco.MjSpec.from_string(DRY), "hand", "cube")) == ("cube", "hand")
 
 
-def test_bodies_are_added_to_those_that_float_already_and_twice_is_once():
+def test_bodies_join_those_that_float_already_and_only_once():
     spec = add_water(mujoco.MjSpec.from_string(DRY), "cube")
     for _ in range(2):
         spec = add_water(spec, "arm")
@@ -35,7 +35,7 @@ def test_bodies_are_added_to_those_that_float_already_and_twice_is_once():
     assert compiled.nplugin == 1
 
 
-def test_a_file_stays_as_it_is_and_the_spec_is_the_one_that_was_given(tmp_path):
+def test_a_file_stays_unchanged_and_a_spec_is_changed_in_place(tmp_path):
     path = tmp_path / "dry.xml"
     path.write_text(DRY)
     assert floating(add_water(path, "cube")) == floating(add_water(str(path), "cube")) == ("cube",)
@@ -46,8 +46,8 @@ def test_a_file_stays_as_it_is_and_the_spec_is_the_one_that_was_given(tmp_path):
         add_water(tmp_path / "nowhere.xml", "cube")
 
 
-def test_fields_are_those_of_a_file_that_has_them():
-    """Numbers, rows, matrices and texts; what the model had is replaced, the rest stays."""
+def test_fields_act_like_those_of_a_file():
+    """Numbers, rows, matrices and texts. New values replace old ones, and other fields stay."""
     spec = add_water(
         mujoco.MjSpec.from_string(DRY), "cube", water_density=1000, wave_swell=(0.1, 4, 0, 0),
         damping=np.eye(6).ravel(), buoyancy_method="linear",
@@ -65,22 +65,23 @@ def test_fields_are_those_of_a_file_that_has_them():
     assert spec.compile().numeric("gain").data.tolist() == [1.0, 2.0]
 
 
-def test_all_that_cannot_be_is_told_at_once():
+def test_all_faults_are_reported_at_once():
     with pytest.raises(ModelError) as caught:
         add_water(
             mujoco.MjSpec.from_string(DRY), "torso", "cube", wave_swell=(0.1, 4), drag="strong",
-            water_depth=3, buoyancy_metod="linear",
+            water_depth=3, buoyancy_metod="linear", buoyancy_method=3, water_density=-1.0,
         )  # fmt: skip
     faults = caught.value.faults
-    for word in ("no body 'torso'; the model has cube, arm, hand", "'wave_swell' has 2 numbers",
+    for text in ("no body 'torso'; the model has cube, arm, hand", "'wave_swell' has 2 numbers",
                  "field 'drag': 'strong' is not a row of numbers", "'water_depth' is unknown",
-                 "field 'buoyancy_metod'"):  # fmt: skip
-        assert sum(word in fault for fault in faults) == 1, word
-    assert len(faults) == 5
+                 "field 'buoyancy_metod'", "field 'buoyancy_method': it takes a text, not 3",
+                 "the water density is -1"):  # fmt: skip
+        assert sum(text in fault for fault in faults) == 1, text
+    assert len(faults) == 7
 
 
-def test_a_spec_comes_to_float_as_its_file_does(tmp_path):
-    """With the plugin in the file or without; Scene.load puts it there."""
+def test_a_spec_floats_like_its_file(tmp_path):
+    """With or without the plugin in the file; Scene.load adds it."""
     path, dry = tmp_path / "wet.xml", tmp_path / "dry.xml"
     path.write_text(xml(custom=WAVES))
     dry.write_text(xml(custom=WAVES).replace(WATER, ""))
@@ -97,7 +98,7 @@ def test_a_spec_comes_to_float_as_its_file_does(tmp_path):
     assert dry.read_text() == xml(custom=WAVES).replace(WATER, "")
 
 
-def test_the_plugin_survives_a_file_of_mujocos_own(tmp_path):
+def test_the_plugin_survives_saving_and_loading(tmp_path):
     compiled = model(custom=WAVES)
     mujoco.mj_saveModel(compiled, str(tmp_path / "m.mjb"), None)
     add_water(xml_file(tmp_path), "cube").compile()
@@ -118,3 +119,17 @@ def xml_file(folder):
     path = folder / "dry.xml"
     path.write_text(DRY)
     return path
+
+
+URDF = """<robot name="r"><link name="base">
+  <inertial><mass value="60"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+  <collision><geometry><box size="1 0.5 0.2"/></geometry></collision></link></robot>"""
+
+
+def test_a_urdf_with_a_fixed_base_floats(tmp_path):
+    (tmp_path / "robot.urdf").write_text(URDF)
+    compiled = add_water(tmp_path / "robot.urdf", "base").compile()
+    data = mujoco.MjData(compiled)
+    data.qpos[2] = 0.1 - 60.0 / (1025.0 * 0.5)
+    mujoco.mj_forward(compiled, data)
+    np.testing.assert_allclose(data.xfrc_applied[1, 2], 60.0 * 9.81, rtol=1e-9)

@@ -1,5 +1,5 @@
-"""The hard cases that take little time, at the shipped scenes' timestep; all of them, at every
-integrator and timestep, run by scripts/benchmarks/hard_cases.py."""
+"""The hard cases that take little time, at the timestep of the shipped scenes.
+scripts/benchmarks/hard_cases.py runs all of them with every integrator and timestep."""
 
 import pytest
 
@@ -10,7 +10,7 @@ QUICK = [name for name, case in CASES.items() if case.duration <= 5.0]
 
 @pytest.fixture(autouse=True)
 def _quiet_mujoco(tmp_path, monkeypatch):
-    """MuJoCo writes its warnings to a log file in the current folder."""
+    """MuJoCo writes its log file to the current folder."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -20,8 +20,8 @@ def test_hard_case_holds_at_2_ms(name):
     assert outcome.holds_up_to(CASES[name].limit) == 0.002, (outcome, CASES[name].expects)
 
 
-def test_a_case_that_diverges_does_not_hold():
-    """The tiny cube's period is 0.045 s: at 20 ms a step it is thrown."""
+def test_a_diverging_case_does_not_hold():
+    """The tiny cube's period is 0.045 s, so a timestep of 20 ms throws it."""
     case = CASES["mesh in millimetres"]
     outcome = attempts(case, "Euler", [0.0005, 0.02])
     assert outcome.holds_up_to(case.limit) == 0.0005

@@ -1,4 +1,4 @@
-"""The chord method: its fan, its bias, its limits."""
+"""The chord method: its fan of triangles, its bias, its limits."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from independent import (
     DENSITY,
     GRAVITY,
     ROUND_OFF,
+    mean_error,
     meshes,
     random_poses,
     relative_error,
@@ -19,7 +20,7 @@ CUBE = trimesh.creation.box(extents=[1.0, 1.0, 1.0])
 
 
 def fan_wrench(hull, sea, samples, crests_only, position, rotation, time):
-    """The chord method written out: one polygon after the other, every sample a vertex."""
+    """The chord method written out polygon by polygon; every sample is a vertex of the fan."""
     vertices = hull.vertices @ rotation.T + position
 
     def head_at(point):
@@ -34,8 +35,8 @@ def fan_wrench(hull, sea, samples, crests_only, position, rotation, time):
             values.append(heads[face])
         if wet.all() or not wet.any():
             continue
-        odd = next(i for i in range(3) if (wet == wet[i]).sum() == 1)
-        a, b, c = (face[(odd + i) % 3] for i in range(3))
+        lone = next(i for i in range(3) if (wet == wet[i]).sum() == 1)
+        a, b, c = (face[(lone + i) % 3] for i in range(3))
         p = vertices[a] + heads[a] / (heads[a] - heads[b]) * (vertices[b] - vertices[a])
         q = vertices[a] + heads[a] / (heads[a] - heads[c]) * (vertices[c] - vertices[a])
         first, last = (p, q) if heads[a] > 0.0 else (q, p)
@@ -56,7 +57,7 @@ def fan_wrench(hull, sea, samples, crests_only, position, rotation, time):
 
 @pytest.mark.parametrize("samples", [1, 4, 7])
 @pytest.mark.parametrize("crests_only", [False, True])
-def test_agrees_with_the_fan_written_out(samples, crests_only):
+def test_chord_agrees_with_the_fan_written_out(samples, crests_only):
     hull = Hull.from_trimesh(trimesh.creation.icosphere(subdivisions=1, radius=0.5))
     sea = three_waves(0.7)
     for pose in random_poses(10, seed=31):
@@ -66,16 +67,16 @@ def test_agrees_with_the_fan_written_out(samples, crests_only):
 
 
 @pytest.mark.parametrize("name", ["icosphere", "torus", "bunny"])
-def test_without_samples_it_is_linear(name):
+def test_chord_without_samples_is_linear(name):
     hull, sea = Hull.from_trimesh(meshes()[name]), three_waves()
     for pose in random_poses(5, seed=32):
         found = Chord(hull, sea, samples=0).wrench(*pose)
         assert relative_error(found, Linear(hull, sea).wrench(*pose), hull) < ROUND_OFF
 
 
-def test_crests_only_pushes_up_more():
-    """Forgetting troughs adds water, on average over poses, samples that may go both ways do not:
-    about 1e-4 of the weight of the displaced water for a 12-face cube in gentle waves."""
+def test_crests_only_lifts_more():
+    """Ignoring troughs adds water on average over poses; samples of both signs do not. For a
+    12-face cube in gentle waves it is about 1e-4 of the weight of the displaced water."""
     hull, sea = Hull.from_trimesh(CUBE), three_waves(0.1)
     methods = [Linear(hull, sea), Chord(hull, sea, 4), Chord(hull, sea, 4, crests_only=True)]
     lifts = np.array([[m.wrench(*p)[2] for m in methods] for p in random_poses(1500, seed=33)])
@@ -97,31 +98,23 @@ def test_every_method_agrees_on_flat_water():
             assert relative_error(method.wrench(*pose), expected, hull) < ROUND_OFF
 
 
-@pytest.mark.parametrize("make", [Linear, Chord])
-def test_tends_to_the_reference_as_meshes_refine(make):
-    """The linear elevation over each triangle leaves an error of second order, chord or not."""
+def test_methods_converge_to_the_reference_as_meshes_refine():
+    """Linear elevation over each triangle leaves a second-order error, with or without a chord."""
     mesh, sea = CUBE.subdivide().subdivide(), three_waves(0.3)
     poses = random_poses(20, seed=35)
-    truth = Reference(Hull.from_trimesh(CUBE), sea)
-    truths = [truth.wrench(*pose) for pose in poses]
-    errors = []
+    truth = Reference(Hull.from_trimesh(CUBE), sea, 1e-7)
+    truths, errors = [truth.wrench(*pose) for pose in poses], []
     for _ in range(4):
         hull = Hull.from_trimesh(mesh)
-        method = make(hull, sea)
-        errors.append(
-            np.mean(
-                [
-                    relative_error(method.wrench(*p), t, hull)
-                    for p, t in zip(poses, truths, strict=True)
-                ]
-            )
-        )
+        methods = Linear(hull, sea), Chord(hull, sea)
+        wrenches = ([method.wrench(*pose) for pose in poses] for method in methods)
+        errors.append([mean_error(found, truths, hull) for found in wrenches])
         mesh = mesh.subdivide()
-    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    slopes = np.log2(np.divide(errors[:-1], errors[1:]))
     assert ((slopes > 1.6) & (slopes < 2.4)).all(), slopes
 
 
 @pytest.mark.parametrize("samples", [-1, 1.5])
-def test_refuses_samples_that_cannot_be(samples):
+def test_impossible_sample_counts_are_refused(samples):
     with pytest.raises(ValueError, match=r"samples is .*whole number from 0 to"):
         Chord(Hull.from_trimesh(CUBE), Sea(), samples)

@@ -1,4 +1,4 @@
-"""What all scripts do with signals, notes, files, tables and readers that go away."""
+"""What all scripts share: signals, notes, files, tables, broken pipes."""
 
 import os
 import signal
@@ -26,7 +26,7 @@ from sim import ModelError, Note
 
 @pytest.fixture
 def handlers():
-    """Puts the signals' handlers back that `run_script` replaces."""
+    """The signal handlers that `run_script` replaces; they are restored afterwards."""
     before = {stop: signal.getsignal(stop) for stop in (signal.SIGINT, signal.SIGTERM)}
     yield before
     for stop, handler in before.items():
@@ -34,12 +34,12 @@ def handlers():
 
 
 def status_and_line(main, capsys) -> tuple[int, str]:
-    """How a script with this main ends, and what it prints behind its name."""
-    with pytest.raises(SystemExit) as left:
+    """Exit status of a script with this main, and the text that it prints after its name."""
+    with pytest.raises(SystemExit) as end:
         run_script(main)
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    return left.value.code, said.partition(": ")[2].strip()
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1
+    return end.value.code, printed.partition(": ")[2].strip()
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_a_signal_ends_a_script_with_one_line_and_its_status(number, status, han
     assert status_and_line(main, capsys) == (status, f"stopped by {number.name}")
 
 
-def test_a_signal_that_is_held_back_ends_the_run_between_two_samples(handlers):
+def test_a_held_signal_ends_the_run_between_two_samples(handlers):
     done: list[int] = []
 
     def run(checked: int) -> None:
@@ -66,7 +66,7 @@ def test_a_signal_that_is_held_back_ends_the_run_between_two_samples(handlers):
                 if sample < checked:
                     check()
 
-    for checked, expected in ((4, [0, 1, 2]), (0, [0, 1, 2, 3])):  # and at the end of the block
+    for checked, expected in ((4, [0, 1, 2]), (0, [0, 1, 2, 3])):  # the latter at the block's end
         done.clear()
         with pytest.raises(Stopped) as stopped:
             run(checked)
@@ -75,14 +75,14 @@ def test_a_signal_that_is_held_back_ends_the_run_between_two_samples(handlers):
         assert handlers == {stop: signal.getsignal(stop) for stop in handlers}
 
 
-def test_a_file_that_cannot_be_written_is_one_line(handlers, capsys):
+def test_an_unwritable_file_is_reported_in_one_line(handlers, capsys):
     def main() -> int:
         raise OSError("no space\nat all")
 
     assert status_and_line(main, capsys) == (UNWRITABLE, "no space at all")
 
 
-def test_a_reader_that_goes_away_leaves_no_traceback(tmp_path):
+def test_a_broken_pipe_leaves_no_traceback(tmp_path):
     reading, writing = os.pipe()
     os.close(reading)
     result = subprocess.run(
@@ -98,7 +98,7 @@ def notes_of(capsys) -> list[str]:
     return [line.partition(": note: ")[2] for line in capsys.readouterr().err.splitlines()]
 
 
-def test_notes_are_lines_each_once_and_only_of_what_succeeds(capsys):
+def test_each_note_of_a_successful_block_is_one_line(capsys):
     def warn() -> None:
         for text in ("one\nline", "one\nline", "another"):
             warnings.warn(text, Note, stacklevel=1)
@@ -110,7 +110,7 @@ def test_notes_are_lines_each_once_and_only_of_what_succeeds(capsys):
     with notes_said(quiet=True):
         warn()
     assert notes_of(capsys) == []
-    faults = ModelError(["a fault"])  # which a note may explain
+    faults = ModelError(["a fault"])  # notes may explain it
     for error, notes in ((OSError("full"), []), (faults, ["one line", "another"])):
         with suppress(type(error)), notes_said():
             warn()
@@ -124,19 +124,19 @@ def test_tables_align_names_left_and_numbers_right(capsys):
     assert lines == ["body       height m", "cube           0.10", "long name   -12.345"]
 
 
-def test_progress_is_shown_on_a_terminal_only(monkeypatch, capsys):
+def test_progress_is_shown_only_on_a_terminal(monkeypatch, capsys):
     with progress(10.0, "s") as bar:
         bar.update(5.0)
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    for quiet, seen in ((False, True), (True, False)):
+    for quiet, is_shown in ((False, True), (True, False)):
         with progress(10.0, "s", quiet) as bar:
             bar.update(5.0)
             bar.refresh()
-        assert ("of 10 s" in capsys.readouterr().err) == seen
+        assert ("of 10 s" in capsys.readouterr().err) == is_shown
 
 
-def test_what_fails_leaves_the_old_file(tmp_path):
+def test_a_failed_write_leaves_the_old_file(tmp_path):
     file = tmp_path / "report.json"
     file.write_text("old")
 
@@ -157,7 +157,7 @@ def test_what_fails_leaves_the_old_file(tmp_path):
     assert (tmp_path / "new" / "folder" / "a").read_text() == "there"
 
 
-def test_outputs_that_cannot_be_written_are_refused_before_the_work(tmp_path, monkeypatch):
+def test_unwritable_outputs_are_refused_before_the_work(tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.touch()
     check_outputs((None, file, tmp_path / "new" / "folder" / "a"), [])

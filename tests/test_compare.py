@@ -2,9 +2,6 @@
 
 import json
 import signal
-import subprocess
-import sys
-import time
 from contextlib import chdir, redirect_stdout
 from io import StringIO
 
@@ -12,11 +9,9 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
+from independent import MODELS, sending, status_of
 from labels import fields_of
 from sim import Scene, SideBySideRecorder, simulate
-
-COMPARE = [sys.executable, str(REPOSITORY / "scripts" / "compare.py")]
 
 
 def test_twins_with_the_same_method_stay_identical_to_the_bit():
@@ -27,14 +22,14 @@ def test_twins_with_the_same_method_stay_identical_to_the_bit():
     assert twins[0].data.qvel.tobytes() == twins[1].data.qvel.tobytes()
 
 
-def cube(label: str) -> Scene:
+def labelled_cube(label: str) -> Scene:
     return Scene.load(MODELS / "cube.xml", settings=fields_of(label))
 
 
 def test_a_twin_moves_as_it_does_alone():
-    """Interleaved simulations of different methods do not touch each other."""
-    alone = [s.positions for s in simulate(cube("chord:4"), 1.0)]
-    twins = [cube(m) for m in ("linear", "chord:4")]
+    """Interleaved simulations with different methods do not affect each other."""
+    alone = [s.positions for s in simulate(labelled_cube("chord:4"), 1.0)]
+    twins = [labelled_cube(m) for m in ("linear", "chord:4")]
     pairs = list(zip(*(simulate(twin, 1.0) for twin in twins), strict=True))
     np.testing.assert_array_equal([pair[1].positions for pair in pairs], alone)
     assert (pairs[-1][0].positions != pairs[-1][1].positions).any()
@@ -74,7 +69,7 @@ def test_summary_has_means_differences_and_times(run):
     assert "identical" in printed
 
 
-def test_twins_may_differ_in_pressure_alone(tmp_path, monkeypatch):
+def test_twins_may_differ_only_in_pressure(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status = status_of(
         "compare.py", MODELS / "spar.xml", "--methods", "patches", "patches/hydrostatic",
@@ -85,7 +80,7 @@ def test_twins_may_differ_in_pressure_alone(tmp_path, monkeypatch):
     assert differences["patches/hydrostatic"]["height_m"]["largest"] > 0.1
 
 
-def test_means_leave_the_warm_up_out(run):
+def test_means_exclude_the_warm_up(run):
     *_, summary, _ = run
     scene = Scene.load(MODELS / "cube.xml", settings=fields_of("linear"), timestep=0.004)
     heights = [s.centres[0, 2] for s in simulate(scene, 6.0, 20.0) if s.time > 2.0 - 1e-9]
@@ -94,7 +89,7 @@ def test_means_leave_the_warm_up_out(run):
     )
 
 
-def test_starts_are_runs_at_other_times_of_the_sea(tmp_path, monkeypatch):
+def test_each_start_is_a_run_at_another_time_of_the_sea(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status = status_of(
         "compare.py", MODELS / "cube.xml", "--methods", "linear", "linear", "--starts", 3,
@@ -131,23 +126,23 @@ def test_all_twins_are_in_one_recording(run):
 
 
 def test_recording_is_readable_when_a_run_fails_half_way(tmp_path):
-    twins = {m: cube(m) for m in ("linear", "chord:4")}
+    twins = {m: labelled_cube(m) for m in ("linear", "chord:4")}
+
+    def record() -> None:
+        with SideBySideRecorder(tmp_path / "cut.rrd", twins) as recorder:
+            for samples in zip(*(simulate(twin, 5.0) for twin in twins.values()), strict=True):
+                recorder.log(samples)
+                if samples[0].time > 0.499:
+                    raise KeyboardInterrupt
+
     with pytest.raises(KeyboardInterrupt):
-        _record_and_fail(tmp_path / "cut.rrd", twins)
+        record()
     chunks = RrdReader(tmp_path / "cut.rrd").stream().filter(content="/linear/plots/height/cube")
     assert sum(chunk.num_rows for chunk in chunks if not chunk.is_static) == 16
 
 
-def _record_and_fail(path, twins) -> None:
-    with SideBySideRecorder(path, twins) as recorder:
-        for samples in zip(*(simulate(twin, 5.0) for twin in twins.values()), strict=True):
-            recorder.log(samples)
-            if samples[0].time > 0.499:
-                raise KeyboardInterrupt
-
-
-def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path, monkeypatch, capsys):
-    """Negative damping feeds the motion of a cube without drag until the numbers are huge."""
+def test_divergence_gives_status_3_and_keeps_the_recording(tmp_path, monkeypatch, capsys):
+    """Negative damping accelerates a cube without drag until its velocity is huge."""
     scene = (MODELS / "cube.xml").read_text().replace("0.2 1.05 0.0047", "0 0 0")
     still, wild = '<freejoint name="cube"/>', '<joint type="free" damping="-5000"/>'
     assert still in scene
@@ -161,23 +156,19 @@ def test_divergence_gives_status_3_and_keeps_what_was_recorded(tmp_path, monkeyp
     assert len(RrdReader(tmp_path / "wild.rrd").recordings()) == 1
 
 
-def test_ctrl_c_gives_status_130_and_a_readable_recording(tmp_path):
-    process = subprocess.Popen(
-        [*COMPARE, str(MODELS / "cube.xml"), "--methods", "linear", "chord:4",
-         "--duration", "1000", "--record", "cut.rrd"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=hear_ctrl_c,
-    )  # fmt: skip
-    deadline, recording = time.monotonic() + 60.0, tmp_path / "cut.rrd"
-    while not (recording.exists() and recording.stat().st_size > 300_000):
-        assert time.monotonic() < deadline
-        assert process.poll() is None
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert stderr.splitlines()[-1] == "compare.py: stopped by SIGINT"
-    assert "Traceback" not in stderr
+def test_ctrl_c_gives_status_130_and_a_readable_recording(tmp_path, capsys):
+    recording = tmp_path / "cut.rrd"
+
+    def is_recording() -> bool:
+        return recording.exists() and recording.stat().st_size > 2_000_000
+
+    with sending(signal.SIGINT, is_recording):
+        status = status_of(
+            "compare.py", MODELS / "cube.xml", "--methods", "linear", "chord:4",
+            "--duration", 1000, "--record", recording,
+        )  # fmt: skip
+    assert status == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "compare.py: stopped by SIGINT"
     assert len(RrdReader(recording).recordings()) == 1
 
 
@@ -203,20 +194,19 @@ def test_unusable_input_gives_one_line_and_status_2(
     assert sorted(tmp_path.rglob("*")) == []
 
 
-def test_twins_have_a_plot_of_their_difference(tmp_path):
-    """One line would hide the other."""
-    scenes = {m: cube(m) for m in ("linear", "patches")}
-    path, off = tmp_path / "twins.rrd", []
+def test_the_difference_of_twins_is_plotted(tmp_path):
+    scenes = {m: labelled_cube(m) for m in ("linear", "patches")}
+    path, differences = tmp_path / "twins.rrd", []
     with SideBySideRecorder(path, scenes) as recorder:
         for samples in zip(*(simulate(s, 2.5) for s in scenes.values()), strict=True):
             recorder.log(samples)
             one, other = samples
-            off.append(other.positions[0, 2] - one.positions[0, 2])
+            differences.append(other.positions[0, 2] - one.positions[0, 2])
     chunks = RrdReader(path).stream().filter(content="/difference/heave/patches/cube")
     found = []
     for chunk in chunks:
         batch = chunk.to_record_batch()
         if "Scalars:scalars" in batch.schema.names:
             found += np.ravel(batch.column("Scalars:scalars").to_pylist()).tolist()
-    np.testing.assert_array_equal(found, off)
-    assert np.abs(off).max() > 0.0
+    np.testing.assert_array_equal(found, differences)
+    assert np.abs(differences).max() > 0.0

@@ -1,4 +1,4 @@
-"""Buoyancy in MuJoCo: what it writes where, frames, integrators and threads."""
+"""Buoyancy in MuJoCo: the rows that it writes, frames, integrators, several models and states."""
 
 import gc
 import sys
@@ -35,7 +35,7 @@ def trajectory(compiled: mujoco.MjModel, steps: int = 100) -> np.ndarray:
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "implicit", "discrete", "RK4"])
 def test_a_cube_in_equilibrium_stays(integrator):
-    """Half as dense as water it floats half under, from the first step on, at every stage."""
+    """With half the density of water it floats half submerged, from the first step on."""
     compiled = model(option=f'<option timestep="0.005" integrator="{integrator}"/>')
     states = trajectory(compiled)
     np.testing.assert_allclose(states[:, 2], 0.0, atol=1e-12)
@@ -45,7 +45,7 @@ def test_a_cube_in_equilibrium_stays(integrator):
 @pytest.mark.parametrize(
     ("integrator", "calls"), [("Euler", 1), ("implicitfast", 1), ("discrete", 1), ("RK4", 4)]
 )
-def test_wrenches_are_computed_once_for_every_evaluation(integrator, calls):
+def test_wrenches_are_computed_once_per_evaluation(integrator, calls):
     compiled = model(option=f'<option integrator="{integrator}"/>', custom=WAVES)
     buoyancy, data = Buoyancy.of(compiled), mujoco.MjData(compiled)
     mujoco.mj_step(compiled, data)
@@ -53,11 +53,11 @@ def test_wrenches_are_computed_once_for_every_evaluation(integrator, calls):
     mujoco.mj_step(compiled, data)
     assert buoyancy.calls(data) == 2 * calls
     assert 0.0 < buoyancy.seconds(data) < 1.0
-    assert buoyancy.calls(mujoco.MjData(compiled)) == 0  # of each state by itself
+    assert buoyancy.calls(mujoco.MjData(compiled)) == 0  # each state has its own count
 
 
 def test_integrators_agree_as_the_timestep_shrinks():
-    """All see the same force: they tend to one trajectory, RK4 being there already."""
+    """All integrators see the same force, so they converge to one trajectory, RK4 the fastest."""
     ends = {}
     for integrator in ("RK4", "Euler", "implicitfast"):
         for halvings in range(3):
@@ -75,8 +75,8 @@ def test_integrators_agree_as_the_timestep_shrinks():
 
 @pytest.mark.parametrize("method", ["linear", "chord", "patches"])
 @pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast"])
-def test_wrenches_pushed_by_hand_before_each_step_are_the_water_to_the_bit(integrator, method):
-    """On the same body in the air, as what a user writes into xfrc_applied."""
+def test_wrenches_applied_by_hand_give_the_same_bits_as_the_water(integrator, method):
+    """Applied to the same body in the air, through xfrc_applied."""
     option = f'<option timestep="0.005" integrator="{integrator}"/>'
     custom = WAVES + f'<text name="buoyancy_method" data="{method}"/>'
     compiled = model(custom=custom, option=option)
@@ -90,7 +90,7 @@ def test_wrenches_pushed_by_hand_before_each_step_are_the_water_to_the_bit(integ
     np.testing.assert_array_equal(states, trajectory(compiled))
 
 
-def test_two_models_alive_at_once_do_not_touch_each_other():
+def test_two_models_at_once_do_not_affect_each_other():
     calm, rough = model(), model(custom=WAVES)
     alone = {m: trajectory(m) for m in (calm, rough)}
     both = {calm: [], rough: []}
@@ -103,7 +103,7 @@ def test_two_models_alive_at_once_do_not_touch_each_other():
         np.testing.assert_array_equal(both[m], alone[m])
 
 
-def test_models_without_the_plugin_and_other_rows_are_left_alone():
+def test_dry_models_and_other_rows_stay_unchanged():
     stone = '<body name="stone" pos="5 0 0"><freejoint/><geom name="stone" size="0.1"/></body>'
     compiled = model(CUBE + stone)
     dry = mujoco.MjModel.from_xml_string(xml().replace(WATER, ""))
@@ -118,7 +118,7 @@ def test_models_without_the_plugin_and_other_rows_are_left_alone():
     assert mujoco.get_mjcb_passive() is None
 
 
-def test_several_states_of_one_model():
+def test_states_of_one_model_have_their_own_wrenches():
     compiled = model(custom=WAVES)
     high, low = started(compiled, [0, 0, 5, 1, 0, 0, 0]), started(compiled)
     for data in (high, low, high):
@@ -127,7 +127,7 @@ def test_several_states_of_one_model():
     assert low.xfrc_applied[1, 2] > 0.0
 
 
-def test_models_states_and_buoyancies_are_let_go():
+def test_models_states_and_buoyancies_are_freed():
     compiled = model(custom='<numeric name="water_level" data="-0.25"/>')
     before = sys.getrefcount(compiled)
     data, buoyancy = mujoco.MjData(compiled), Buoyancy.of(compiled)
@@ -137,16 +137,16 @@ def test_models_states_and_buoyancies_are_let_go():
     mujoco.mj_step(compiled, data)
     mujoco.mj_resetData(compiled, data)
     assert sys.getrefcount(data) == count
-    kept = weakref.ref(buoyancy)
+    reference = weakref.ref(buoyancy)
     del data, buoyancy
     gc.collect()
-    assert kept() is None
+    assert reference() is None
     assert sys.getrefcount(compiled) == before
     assert context.users == 0
 
 
 def test_a_geom_off_its_body_frame_floats_where_it_is():
-    """Wrench about the centre of mass, as that of a hull placed by hand in the world."""
+    """Its wrench about the centre of mass equals that of a hull placed by hand in the world."""
     geom = '<geom name="g" type="mesh" mesh="m" pos="0.3 -0.2 0.5" euler="20 30 40" density="500"/>'
     ballast = '<geom type="sphere" size="0.1" pos="-0.4 0.6 0.1" density="3000"/>'
     body = f'<body pos="0 0 -0.4" euler="10 0 5"><freejoint/>{geom}{ballast}</body>'
@@ -154,7 +154,7 @@ def test_a_geom_off_its_body_frame_floats_where_it_is():
     custom = WAVES + '<text name="buoyancy_method" data="linear"/>'
     compiled = model(body, ("g",), custom, assets=assets)
     data, buoyancy = started(compiled), Buoyancy.of(compiled)
-    assert np.abs(data.geom_xpos[0] - data.xipos[1]).max() > 0.05  # the case is not a trivial one
+    assert np.abs(data.geom_xpos[0] - data.xipos[1]).max() > 0.05  # the case is not trivial
     count = compiled.mesh_vertnum[0]
     in_world = compiled.mesh_vert[:count] @ data.geom_xmat[0].reshape(3, 3).T + data.geom_xpos[0]
     hull = Hull(in_world - data.xipos[1], compiled.mesh_face)
@@ -164,7 +164,7 @@ def test_a_geom_off_its_body_frame_floats_where_it_is():
 
 
 def test_two_geoms_of_a_body_add_up():
-    """A box cut in two halves floats as the whole."""
+    """A box cut into two halves floats like the whole box."""
     half = '<geom name="{}" type="box" size="0.25 0.5 0.5" pos="{} 0 0" density="512.5"/>'
     halves = half.format("left", -0.25) + half.format("right", 0.25)
     cut = model(f'<body euler="10 20 30"><freejoint/>{halves}</body>', ("left", "right"))
@@ -173,12 +173,12 @@ def test_two_geoms_of_a_body_add_up():
     for compiled in (cut, whole):
         data = started(compiled)
         rows.append(data.xfrc_applied[1].copy())
-    # on flat water the straight clip is exact, however the surface is cut
+    # On flat water the straight clip is exact for any triangulation.
     np.testing.assert_allclose(rows[0], rows[1], atol=ROUND_OFF * WEIGHT)
 
 
-def test_bodies_in_a_kinematic_tree():
-    """Two boxes joined by a hinge, level on flat water: each carries its own weight."""
+def test_bodies_of_a_kinematic_tree_float_each_by_itself():
+    """Two boxes joined by a hinge float level on flat water, each carrying its own weight."""
     box = '<geom name="{}" type="box" size="0.5 0.5 0.1" density="512.5"/>'
     tree = f"""
     <body name="front"><freejoint/>{box.format("front")}
@@ -191,12 +191,12 @@ def test_bodies_in_a_kinematic_tree():
         mujoco.mj_step(compiled, data)
     np.testing.assert_allclose(data.qpos[2], 0.0, atol=1e-9)
     np.testing.assert_allclose(data.qpos[7], 0.0, atol=1e-9)
-    data.qpos[7] = 0.3  # fold the hinge: the rear end dips and is pushed back up
+    data.qpos[7] = 0.3  # the rear end dips and is pushed up
     mujoco.mj_forward(compiled, data)
     assert data.xfrc_applied[2, 2] > compiled.body_mass[2] * 9.81
 
 
-def test_wrenches_reads_without_writing():
+def test_reading_wrenches_writes_nothing():
     compiled = model(custom=WAVES)
     data = mujoco.MjData(compiled)
     mujoco.mj_kinematics(compiled, data)
@@ -206,19 +206,19 @@ def test_wrenches_reads_without_writing():
     np.testing.assert_array_equal(wrenches[0], data.xfrc_applied[1])
 
 
-def test_sphere_floats_at_the_depth_that_its_mass_says():
-    """Volume-true facets: a ball of half the water's density hangs with its middle in the water."""
+def test_a_sphere_floats_at_the_depth_of_its_mass():
+    """The facets have the ball's volume, so at half the water's density it is half submerged."""
     ball = '<body><freejoint/><geom name="b" type="sphere" size="0.5" density="512.5"/></body>'
     compiled = model(ball, ("b",))
     data = started(compiled)
     weight = compiled.body_mass[1] * 9.81
     assert data.xfrc_applied[1, 2] == pytest.approx(weight, rel=1e-9)
     whole = trimesh.creation.icosphere(subdivisions=3, radius=0.5).volume * 512.5 * 9.81
-    assert abs(whole / weight - 1.0) > 5e-3  # plain facets would not do
+    assert abs(whole / weight - 1.0) > 5e-3  # facets with vertices on the sphere have less volume
 
 
-def test_hulls_computed_together_get_what_each_gets_alone():
-    """Two alike, that share their tree, another one, and one with a method of its own."""
+def test_hulls_computed_together_equal_each_alone():
+    """Two equal balls that share a tree, a capsule, and a cube with another method."""
     ball = '<body pos="{} 2 -0.1"><freejoint/><geom name="{}" size="0.4"/></body>'
     boat = '<body pos="1 1 0"><freejoint/><geom name="boat" type="capsule" size="0.2 0.5"/></body>'
     custom = WAVES + '<text name="buoyancy_method_cube" data="chord"/>'

@@ -1,4 +1,4 @@
-"""Documentation: the table of fields is the program's own, links lead somewhere, scripts exist."""
+"""Documentation: the table of fields matches the program, links have targets, scripts exist."""
 
 import re
 
@@ -15,12 +15,12 @@ PAGES = sorted(
 
 
 def anchors(page) -> set[str]:
-    """Anchors of a page's headings, as they are made on code hosting sites."""
+    """Anchors of a page's headings, as code hosting sites make them."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
 
 
-def test_the_table_of_fields_is_the_programs_own():
+def test_the_table_of_fields_matches_the_program():
     page = (REPOSITORY / "sim" / "mjcf" / "README.md").read_text()
     table = page.split("| field | numbers | meaning |\n| --- | --- | --- |\n")[1].split("\n\n")[0]
     rows = [f"| `{name}` | {value} | {meaning} |" for name, value, meaning in described()]
@@ -28,17 +28,17 @@ def test_the_table_of_fields_is_the_programs_own():
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(REPOSITORY)))
-def test_links_lead_somewhere(page):
+def test_links_have_targets(page):
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
         if target.startswith("http"):
             continue
         path, _, anchor = target.partition("#")
-        there = (page.parent / path).resolve() if path else page
-        assert there.exists(), target
-        assert not anchor or anchor in anchors(there), target
+        linked = (page.parent / path).resolve() if path else page
+        assert linked.exists(), target
+        assert not anchor or anchor in anchors(linked), target
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(REPOSITORY)))
-def test_commands_name_scripts_that_exist(page):
+def test_commands_name_existing_scripts(page):
     for script in re.findall(r"python (scripts/[\w/]+\.py)", page.read_text()):
         assert (REPOSITORY / script).is_file(), script

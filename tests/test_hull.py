@@ -1,4 +1,4 @@
-"""The hull: what it knows of its surface and every refusal."""
+"""The hull: its volume, centroid and bounds, and all refusals."""
 
 import copy
 import pickle
@@ -21,7 +21,7 @@ def test_volume_centroid_and_bounds_of_a_box():
 
 
 @pytest.mark.parametrize("name", ["icosphere", "torus", "bunny"])
-def test_agrees_with_trimesh(name):
+def test_volume_centroid_and_area_agree_with_trimesh(name):
     mesh = meshes()[name]
     hull = Hull.from_trimesh(mesh)
     assert hull.volume == pytest.approx(mesh.volume, rel=ROUND_OFF)
@@ -32,7 +32,8 @@ def test_agrees_with_trimesh(name):
 
 def test_volume_keeps_its_precision_far_from_the_origin():
     hull = Hull(BOX.vertices + 1e5, BOX.faces)
-    assert hull.volume == pytest.approx(1.0, rel=1e-9)  # corners themselves are rounded to 1e-11
+    corner_round_off = 1e-9
+    assert hull.volume == pytest.approx(1.0, rel=corner_round_off)
     np.testing.assert_allclose(hull.centroid, 1e5, rtol=1e-14)
 
 
@@ -40,18 +41,19 @@ def test_shipped_meshes_are_hulls():
     for name, faces in (("bunny", 3674), ("dragon", 10000)):
         hull = Hull.from_trimesh(load_mesh(name))
         assert len(hull.faces) == faces
-        assert np.ptp(hull.bounds, axis=0).max() == pytest.approx(1.0, abs=1e-6)
-        np.testing.assert_allclose(hull.centroid, 0.0, atol=1e-6)  # OBJ coordinates: 7 decimals
+        obj_decimals = 1e-6
+        assert np.ptp(hull.bounds, axis=0).max() == pytest.approx(1.0, abs=obj_decimals)
+        np.testing.assert_allclose(hull.centroid, 0.0, atol=obj_decimals)
 
 
-def test_merges_vertices_at_the_same_place():
+def test_coincident_vertices_are_merged():
     soup = BOX.vertices[BOX.faces].reshape(-1, 3)
     hull = Hull(soup, np.arange(len(soup)).reshape(-1, 3))
     assert len(hull.vertices) == 8
     assert hull.volume == pytest.approx(1.0, rel=ROUND_OFF)
 
 
-def test_drops_collapsed_faces_and_unused_vertices():
+def test_collapsed_faces_and_unused_vertices_are_dropped():
     vertices = np.vstack([BOX.vertices, BOX.vertices[0], [9.0, 9.0, 9.0]])
     faces = np.vstack([BOX.faces, [0, 8, 1]])  # vertex 8 lies on vertex 0
     hull = Hull(vertices, faces)
@@ -59,18 +61,18 @@ def test_drops_collapsed_faces_and_unused_vertices():
     assert hull.bounds.max() < 9.0
 
 
-def test_turns_an_inward_surface_outward_and_says_so():
+def test_an_inward_surface_is_turned_outward_with_a_warning():
     with pytest.warns(UserWarning, match="faced inward.*turned outward"):
         hull = Hull(BOX.vertices, BOX.faces[:, ::-1])
     assert hull.volume == pytest.approx(1.0, rel=ROUND_OFF)
 
 
-def test_accepts_separate_parts_such_as_a_catamarans_hulls():
+def test_separate_parts_are_accepted():
     pair = trimesh.util.concatenate([BOX, BOX.copy().apply_translation([0.0, 3.0, 0.0])])
     assert Hull.from_trimesh(pair).volume == pytest.approx(2.0, rel=ROUND_OFF)
 
 
-def test_is_immutable_and_independent_of_the_callers_arrays():
+def test_a_hull_is_immutable_and_independent_of_the_callers_arrays():
     vertices = np.array(BOX.vertices)
     hull = Hull(vertices, BOX.faces)
     vertices[:] = 0.0
@@ -88,7 +90,7 @@ def _with_cavity():
     return trimesh.util.concatenate([BOX, cavity])
 
 
-def _one_face_turned():
+def _one_face_reversed():
     faces = np.array(BOX.faces)
     faces[3] = faces[3, ::-1]
     return BOX.vertices, faces
@@ -112,7 +114,7 @@ MESH_WITH_CAVITY = _with_cavity()
         ((BOX.vertices, BOX.faces[1:]), "not closed: 3 of 18 edges.*check_hull.py.*--repair"),
         ((BOX.vertices, np.vstack([BOX.faces, BOX.faces[:1]])), "3 of 18 edges have more than two"),
         (_touching_along_an_edge(), "1 of 35 edges have more than two"),
-        (_one_face_turned(), "winding is inconsistent: 3 of 18"),
+        (_one_face_reversed(), "winding is inconsistent: 3 of 18"),
         ((MESH_WITH_CAVITY.vertices, MESH_WITH_CAVITY.faces), "1 of 2 closed parts.*inward"),
         ((NOT_FINITE, BOX.faces), "1 of 8 vertices are not finite"),
         ((BOX.vertices, BOX.faces + 1), "indices lie outside 0..7"),
@@ -134,7 +136,7 @@ def test_refusals_count_and_name_the_remedy(arrays, message):
 @pytest.mark.parametrize(
     "again", [copy.copy, copy.deepcopy, lambda h: pickle.loads(pickle.dumps(h))]
 )
-def test_copies_stay_as_they_are(again):
+def test_copies_are_equal_and_immutable(again):
     hull = again(Hull.from_trimesh(BOX))
     assert hull.volume == pytest.approx(Hull.from_trimesh(BOX).volume)
     for array in (hull.vertices, hull.faces, hull.area_vectors, hull.centroid, hull.bounds):
@@ -142,6 +144,6 @@ def test_copies_stay_as_they_are(again):
             array[:] = 0
 
 
-def test_a_hull_too_large_for_numbers_is_refused():
+def test_a_hull_too_large_for_double_precision_is_refused():
     with pytest.raises(ValueError, match=r"reaches 1e\+200 m from.*check the units"):
         Hull(2e200 * BOX.vertices / np.ptp(BOX.vertices, axis=0).max(), BOX.faces)

@@ -1,4 +1,4 @@
-"""Hydrostatics against closed forms, and against the methods and the motion of the same bodies."""
+"""Hydrostatics against closed forms, the methods, and the motion of the same bodies."""
 
 import json
 
@@ -19,7 +19,10 @@ from sim.statics.report import Rest
 from sim.statics.stability import righting_arms, vanishing_angle
 
 ROUND_OFF = 1e-9
-"""Relative: equilibria are found to 1e-11 of the weight."""
+"""Relative error; equilibria are found to 1e-11 of the weight."""
+
+FINITE_DIFFERENCES = 1e-6
+"""Relative error of central differences of the energy."""
 
 
 BOX = """<body name="box"><freejoint/><body/>
@@ -40,12 +43,12 @@ def box_scene(size: str, density: float, option: str = "") -> Scene:
     return Scene.from_model(model(body, ("box",), option=option))
 
 
-def of_box(size: str, density: float, option: str = "") -> Hydrostatics:
+def box_hydrostatics(size: str, density: float, option: str = "") -> Hydrostatics:
     return hydrostatics(box_scene(size, density, option))["box"]
 
 
 def box_at_rest(size: str, density: float, option: str = "") -> Rest:
-    return of_box(size, density, option).rest
+    return box_hydrostatics(size, density, option).rest
 
 
 def bunny_body(relative_density: float = 0.5) -> RigidFloat:
@@ -54,13 +57,13 @@ def bunny_body(relative_density: float = 0.5) -> RigidFloat:
     return RigidFloat(mesh.vertices[mesh.faces] - mesh.center_mass, mass, DENSITY, GRAVITY)
 
 
-def test_a_box_barge_is_the_textbooks():
-    whole = of_box("1 0.5 0.2", 0.6)
-    found = whole.rest
-    assert whole.mass_kg == pytest.approx(0.48 * DENSITY)
-    assert whole.volume_m3 == pytest.approx(0.8)
-    assert whole.relative_density == pytest.approx(0.6)
-    assert whole.reason == ""
+def test_hydrostatics_of_a_box_barge_match_the_textbook():
+    barge = box_hydrostatics("1 0.5 0.2", 0.6)
+    found = barge.rest
+    assert barge.mass_kg == pytest.approx(0.48 * DENSITY)
+    assert barge.volume_m3 == pytest.approx(0.8)
+    assert barge.relative_density == pytest.approx(0.6)
+    assert barge.reason == ""
     expected = {
         "draught_m": 0.24, "displacement_m3": 0.48, "kb_m": 0.12, "kg_m": 0.2,
         "bmt_m": 1.0 / 12.0 / 0.24,
@@ -69,12 +72,12 @@ def test_a_box_barge_is_the_textbooks():
         "heave_period_s": 0.98276795, "roll_period_s": 1.207, "height_m": -0.04,
     }  # fmt: skip
     for key, value in expected.items():
-        tolerance = 5e-4 if key == "roll_period_s" else 1e-8  # digits given
-        assert getattr(found, key) == pytest.approx(value, rel=tolerance), key
+        known_digits = 5e-4 if key == "roll_period_s" else 1e-8
+        assert getattr(found, key) == pytest.approx(value, rel=known_digits), key
     for key in ("heel_deg", "trim_deg", "lcb_m", "tcb_m", "lcf_m", "tcf_m"):
         assert getattr(found, key) == pytest.approx(0.0, abs=ROUND_OFF), key
     stiffness = np.array(found.stiffness)
-    weight = whole.mass_kg * GRAVITY
+    weight = barge.mass_kg * GRAVITY
     expected = np.diag(
         [0, 0, 2.0 * DENSITY * GRAVITY, weight * found.gmt_m, weight * found.gml_m, 0]
     )
@@ -86,39 +89,41 @@ def test_a_box_barge_is_the_textbooks():
     [(0.22, 13.67), (0.23, 19.49), (0.24, 23.49), (0.26, 29.63), (0.27, 33.69), (0.28, 41.19)],
 )
 def test_square_bars_rest_at_their_known_heel(density, heel):
-    """From upright, which is an equilibrium that does not stay."""
+    """They start upright, which is an unstable equilibrium."""
     found = box_at_rest("5 0.5 0.5", density)
-    assert abs(found.heel_deg) == pytest.approx(heel, abs=0.005)  # digits given
+    known_digits = 0.005
+    assert abs(found.heel_deg) == pytest.approx(heel, abs=known_digits)
     assert found.trim_deg == pytest.approx(0.0, abs=1e-6)
     assert found.gmt_m > 0.0
 
 
-def test_righting_arms_of_a_box_are_the_wall_sided_formulas():
-    """GZ = sin(heel) (GM + BM tan^2(heel) / 2) until the deck's edge or the bilge gets to the
-    surface."""
+def test_righting_arms_of_a_box_match_the_wall_sided_formula():
+    """GZ = sin(heel) (GM + BM tan^2(heel) / 2) until the deck or the bilge reaches the surface."""
+
+    def wall_sided(heel_deg: float, gm: float, bm: float) -> float:
+        heel = np.radians(heel_deg)
+        return np.sin(heel) * (gm + 0.5 * bm * np.tan(heel) ** 2)
+
     found = box_at_rest("1 0.5 0.2", 0.6)
-    for heel, arm in found.gz:
-        t = np.tan(np.radians(heel)) if heel < 17.0 else None
-        if t is not None:
-            wall_sided = np.sin(np.radians(heel)) * (found.gmt_m + 0.5 * found.bmt_m * t * t)
-            assert arm == pytest.approx(wall_sided, abs=1e-9)
     assert [heel for heel, _ in found.gz] == list(range(0, 95, 5))
-    deep = box_body(2.0, 1.0, 1.0, 0.5)  # its edge gets wet at 45 degrees
+    for heel, arm in found.gz[:4]:  # the deck is dry below 17 degrees
+        expected = wall_sided(heel, found.gmt_m, found.bmt_m)
+        assert arm == pytest.approx(expected, abs=ROUND_OFF)
+    deep = box_body(2.0, 1.0, 1.0, 0.5)  # the deck is dry below 45 degrees
     arms = righting_arms(deep, np.eye(3))
-    bm, gm = 1.0 / 12.0 / 0.5, 1.0 / 12.0 / 0.5 - 0.25
+    bm = 1.0 / 12.0 / 0.5
     for heel, arm in arms[arms[:, 0] < 45.0]:
-        t = np.radians(heel)
-        assert arm == pytest.approx(np.sin(t) * (gm + 0.5 * bm * np.tan(t) ** 2), abs=1e-9)
+        assert arm == pytest.approx(wall_sided(heel, bm - 0.25, bm), abs=ROUND_OFF)
 
 
-def test_a_box_comes_back_up_to_its_vanishing_angle():
-    """A light, flat box on its edge, at 90 degrees, is as far from one rest as from the other."""
+def test_the_vanishing_angle_of_a_box():
+    """A flat box on its edge, at 90 degrees, is equally far from both of its equilibria."""
     found = box_at_rest("1 0.5 0.2", 0.5)
     assert found.vanishing_deg == pytest.approx(90.0, abs=1e-6)
     low = box_body(4.0, 1.0, 0.5, 0.5)
     keel = RigidFloat(low.corners + [0.0, 0.0, 0.3], low.mass, low.density, low.gravity)
     arms = righting_arms(keel, np.eye(3), 175.0)
-    assert vanishing_angle(keel, np.eye(3), arms) is None  # a weight that deep always rights it
+    assert vanishing_angle(keel, np.eye(3), arms) is None  # the low weight rights it at any heel
 
 
 def test_gradient_and_stiffness_are_the_derivatives_of_the_energy():
@@ -136,13 +141,13 @@ def test_gradient_and_stiffness_are_the_derivatives_of_the_energy():
             pulls.append(
                 -(body.pull(body.wetted(ahead)) - body.pull(body.wetted(back))) / (2 * step)
             )
-        scale, differences = body.weight * body.size, 1e-6
-        np.testing.assert_allclose(forces, body.pull(wetted), atol=differences * scale)
+        error = FINITE_DIFFERENCES * body.weight * body.size
+        np.testing.assert_allclose(forces, body.pull(wetted), atol=error)
         stiffness = body.stiffness(attitude, wetted)
-        np.testing.assert_allclose(np.array(pulls).T, stiffness, atol=1e3 * differences * scale)
+        np.testing.assert_allclose(np.array(pulls).T, stiffness, atol=1e3 * error)
 
 
-def test_the_wetted_part_pushes_as_the_methods_do():
+def test_hydrostatic_forces_match_the_linear_method():
     hull, sea, rng = Hull.from_trimesh(load_mesh("bunny")), Sea(), np.random.default_rng(5)
     method = Linear(hull, sea)
     body = RigidFloat(hull.vertices[hull.faces], 1.0, DENSITY, GRAVITY)
@@ -153,8 +158,8 @@ def test_the_wetted_part_pushes_as_the_methods_do():
         np.testing.assert_allclose(pull, force[2:5], atol=1e-10 * DENSITY * GRAVITY * hull.volume)
 
 
-def test_rest_is_found_from_any_way_up():
-    """Always an equilibrium that stays, whichever way up the bunny is let go."""
+def test_an_equilibrium_is_found_from_any_attitude():
+    """The bunny finds a stable equilibrium from any starting attitude."""
     body, rng = bunny_body(), np.random.default_rng(6)
     for _ in range(20):
         attitude = rest(body, random_rotation(rng))
@@ -163,8 +168,8 @@ def test_rest_is_found_from_any_way_up():
         assert np.linalg.eigvalsh(body.stiffness(attitude, wetted)).min() > -1e-9 * body.weight
 
 
-def test_a_body_that_is_let_go_comes_to_rest_where_hydrostatics_says():
-    """The bunny in flat water, with drag, by MuJoCo."""
+def test_a_released_body_comes_to_the_rest_of_hydrostatics():
+    """The bunny in flat water with drag, simulated."""
     body = """<body name="bunny"><freejoint/><geom name="bunny" type="mesh" mesh="bunny"
       density="500"/></body>"""
     custom = '<numeric name="drag" data="0.5 2 0.01"/>'
@@ -175,10 +180,10 @@ def test_a_body_that_is_let_go_comes_to_rest_where_hydrostatics_says():
     for _ in simulate(scene, 60.0, 1.0):
         pass
     up = scene.data.xmat[1].reshape(3, 3)[2]
-    turned = np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0)))
-    still_rocking = 0.2
-    assert turned == pytest.approx(found.tilt_from_start_deg, abs=still_rocking)
-    assert scene.data.qpos[2] == pytest.approx(found.height_m, abs=1e-3)
+    tilt = np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0)))
+    still_rocking_deg, still_heaving_m = 0.2, 1e-3
+    assert tilt == pytest.approx(found.tilt_from_start_deg, abs=still_rocking_deg)
+    assert scene.data.qpos[2] == pytest.approx(found.height_m, abs=still_heaving_m)
 
 
 def test_the_wigley_hull_converges_to_its_closed_form():
@@ -203,8 +208,8 @@ def test_the_wigley_hull_converges_to_its_closed_form():
         assert getattr(coarse, key) == pytest.approx(value, rel=coarse_facets), key
 
 
-def test_periods_are_those_of_the_motion_with_added_mass():
-    """A box released a little off its draught, and its added mass doubled."""
+def test_periods_match_the_motion_with_added_mass():
+    """A box with added mass, released slightly above its draught."""
     custom = '<numeric name="added_mass" data="0 0 0.8 0 0 0"/>'
     scene = Scene.from_model(model(BOX, ("box",), custom, '<option timestep="0.002"/>'))
     found = hydrostatics(scene, with_gz=False)["box"].rest
@@ -216,12 +221,12 @@ def test_periods_are_those_of_the_motion_with_added_mass():
     heights = np.array([s.positions[0, 2] for s in simulate(scene, 6.0, 500.0)]) - found.height_m
     falling = np.flatnonzero((heights[:-1] > 0.0) & (heights[1:] <= 0.0))
     period = np.diff(falling)[0] / 500.0
-    samples_apart = 0.003
-    assert period == pytest.approx(found.heave_period_s, abs=samples_apart)
+    sample_interval = 0.003
+    assert period == pytest.approx(found.heave_period_s, abs=sample_interval)
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
-def test_at_the_largest_timestep_an_oscillation_begins_to_grow(integrator):
+def test_oscillations_grow_above_the_largest_timestep(integrator):
     option = f'<option integrator="{integrator}"/>'
     found = box_at_rest("1 0.5 0.2", 0.5, option)
     for factor, grows in ((0.97, False), (1.03, True)):
@@ -231,8 +236,8 @@ def test_at_the_largest_timestep_an_oscillation_begins_to_grow(integrator):
         largest = 0.0
         while largest < 1e-4 and scene.data.time < 400 * scene.model.opt.timestep:
             mujoco.mj_step(scene.model, scene.data)
-            turned = np.abs(scene.data.qpos[4:6]).max()
-            largest = max(turned, abs(scene.data.qpos[2] - found.height_m))
+            rotated = np.abs(scene.data.qpos[4:6]).max()
+            largest = max(rotated, abs(scene.data.qpos[2] - found.height_m))
         assert (largest >= 1e-4) == grows, factor
 
 
@@ -242,9 +247,9 @@ def test_a_tree_is_one_body():
     assert found["fore"].mass_kg == pytest.approx(864.0)
 
 
-def test_what_sinks_has_a_reason_instead_of_a_rest():
+def test_a_sinking_body_has_a_reason_instead_of_a_rest():
     with pytest.warns(Note, match="'box' sinks"):
-        stone = of_box("1 1 1", 2.5)
+        stone = box_hydrostatics("1 1 1", 2.5)
     assert stone.rest is None
     assert stone.reason == "sinks: it weighs 2.05e+04 kg and displaces at most 8200 kg"
     known = {"name", "sinks", "mass_kg", "volume_m3", "relative_density", "reason"}
@@ -252,20 +257,20 @@ def test_what_sinks_has_a_reason_instead_of_a_rest():
     assert stone.flat()["sinks"] is True
 
 
-def test_a_rest_is_searched_for_once_and_anew_where_something_has_changed(monkeypatch):
+def test_a_rest_is_computed_once_until_the_body_changes(monkeypatch):
     searched = []
     monkeypatch.setattr(report, "_RESTS", {})
     monkeypatch.setattr(
-        report, "rest", lambda body, turned: searched.append(body) or rest(body, turned)
+        report, "rest", lambda body, start: searched.append(body) or rest(body, start)
     )
-    scene = box_scene("1 0.5 0.2", 0.6)  # which notes about the start look at
+    scene = box_scene("1 0.5 0.2", 0.6)  # its notes about the start need the rest
     draught = hydrostatics(scene, with_gz=False)["box"].rest.draught_m
     assert scene.rest_heights.size == 1
     assert len(searched) == 1
-    scene.data.qpos[3:7] = 0.0, 1.0, 0.0, 0.0  # upside down, where it rests too
-    turned = hydrostatics(scene, with_gz=False)["box"].rest
+    scene.data.qpos[3:7] = 0.0, 1.0, 0.0, 0.0  # upside down, also an equilibrium
+    inverted = hydrostatics(scene, with_gz=False)["box"].rest
     assert len(searched) == 2
-    assert turned.tilt_from_start_deg == pytest.approx(0.0, abs=ROUND_OFF)
+    assert inverted.tilt_from_start_deg == pytest.approx(0.0, abs=ROUND_OFF)
     scene.model.body_mass[1] *= 1.1
     scene.model.body_subtreemass[1] *= 1.1
     assert hydrostatics(scene)["box"].rest.draught_m == pytest.approx(1.1 * draught)
@@ -281,20 +286,20 @@ def test_heel_is_to_starboard_and_trim_bow_down():
     assert found.heel_deg < -0.1
     assert found.lcb_m > 0.0
     assert found.tcb_m > 0.0
-    turned = rotation_about(np.radians([0.0, found.trim_deg, 0.0])) @ rotation_about(
-        np.radians([found.heel_deg, 0.0, 0.0])
-    )
-    assert np.degrees(np.arccos(turned[2, 2])) == pytest.approx(found.tilt_from_start_deg, abs=1e-6)
+    trim = rotation_about(np.radians([0.0, found.trim_deg, 0.0]))
+    heel = rotation_about(np.radians([found.heel_deg, 0.0, 0.0]))
+    tilt = np.degrees(np.arccos((trim @ heel)[2, 2]))
+    assert tilt == pytest.approx(found.tilt_from_start_deg, abs=1e-6)
 
 
-def test_the_script_draws(tmp_path):
-    pytest.importorskip("matplotlib", reason="an extra, 'report'")
+def test_the_script_draws_a_figure(tmp_path):
+    pytest.importorskip("matplotlib", reason="needs the extra 'report'")
     file = tmp_path / "articulated.png"
     assert script.main([str(MODELS / "articulated.xml"), "--figure", str(file)]) == 0
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_script_prints_and_writes(tmp_path, capsys):
+def test_the_script_prints_a_table_and_writes_json(tmp_path, capsys):
     file = tmp_path / "articulated.json"
     assert script.main([str(MODELS / "articulated.xml"), "--json", str(file)]) == 0
     printed = capsys.readouterr().out
@@ -310,7 +315,7 @@ def test_the_script_prints_and_writes(tmp_path, capsys):
     assert script.main([str(tmp_path / "none.xml")]) == 2
 
 
-def test_the_script_says_why_a_body_does_not_rest(tmp_path, capsys):
+def test_the_script_reports_why_a_body_does_not_float(tmp_path, capsys):
     file, numbers = tmp_path / "stone.xml", tmp_path / "stone.json"
     file.write_text(xml(CUBE.replace("512.5", "3000")))
     assert script.main([str(file), "--json", str(numbers)]) == 0

@@ -1,4 +1,4 @@
-"""Blocks of tables, and the cache of compiled code."""
+"""Packed blocks of tables, and the cache of compiled code."""
 
 import os
 import shutil
@@ -37,7 +37,7 @@ def test_kernels_find_the_tables_of_a_block():
     np.testing.assert_array_equal(sums, [0.0, 0.25])
 
 
-def test_a_block_is_closed_and_its_tables_begin_at_lines_of_the_cache():
+def test_a_block_is_read_only_and_its_tables_are_aligned_to_cache_lines():
     block = packed(np.zeros(3, SINGLE), np.zeros(2, PAIR))
     with pytest.raises(ValueError, match="read-only"):
         block[0] = 1
@@ -46,7 +46,7 @@ def test_a_block_is_closed_and_its_tables_begin_at_lines_of_the_cache():
 
 
 def run(folder: Path, code: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run Python in a folder whose package `sim` has kernels.py, with a cache in that folder."""
+    """Run Python in a folder with its own cache and a package `sim` with kernels.py only."""
     (folder / "sim").mkdir(exist_ok=True)
     for name in ("kernels.py", "addresses.py"):
         shutil.copy(REPOSITORY / "sim" / name, folder / "sim")
@@ -56,8 +56,8 @@ def run(folder: Path, code: str, **environment: str) -> subprocess.CompletedProc
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, env=variables)
 
 
-def test_an_edited_kernel_is_compiled_again_in_those_that_call_it(tmp_path):
-    """They are in another file, which has not changed."""
+def test_an_edited_kernel_is_compiled_again_in_its_callers(tmp_path):
+    """The callers are in another file, which has not changed."""
     package = tmp_path / "sim"
     package.mkdir()
     (package / "above.py").write_text(
@@ -74,20 +74,20 @@ def test_an_edited_kernel_is_compiled_again_in_those_that_call_it(tmp_path):
     assert [answer(21), answer(21), answer(34)] == ["42\n", "42\n", "68\n"]
 
 
-def test_compiling_is_told_when_it_happens_and_only_then():
-    told = []
-    with when_compiling(lambda: told.append(1)):
+def test_compiling_calls_back_once_when_it_happens():
+    calls = []
+    with when_compiling(lambda: calls.append(1)):
 
-        @njit  # not kept
+        @njit  # not cached
         def twice(x):
             return 2.0 * x
 
-        assert told == []
+        assert calls == []
         assert twice(1.5) == 3.0
-        assert told == [1]
+        assert calls == [1]
         assert twice(2.5) == 5.0
-        assert twice(1) == 2.0  # compiled once more, but told once
-    assert told == [1]
+        assert twice(1) == 2.0  # compiles again, without another call
+    assert calls == [1]
 
 
 TWICE = (
@@ -97,50 +97,53 @@ TWICE = (
 )
 
 
-def answers(folder: Path, **environment: str) -> tuple[str, list[str]]:
-    """What kernels in a folder answer, and the lines of their warnings."""
+def results(folder: Path, **environment: str) -> tuple[str, list[str]]:
+    """The results of kernels in a folder, and the lines of their warnings."""
     (folder / "made.py").write_text(TWICE)
     done = run(folder, "import made; print(made.twice(21), made.thrice.call(14))", **environment)
     assert done.returncode == 0, done.stderr
     return done.stdout, [line for line in done.stderr.splitlines() if "Warning" in line]
 
 
-def test_compiled_code_is_kept_in_the_users_cache_folder_only(tmp_path):
+def test_compiled_code_is_kept_only_in_the_users_cache_folder(tmp_path):
     home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "users"), "NUMBA_CACHE_DIR": ""}
-    assert answers(tmp_path, **home) == ("42 42\n", [])
+    assert results(tmp_path, **home) == ("42 42\n", [])
     (stamp,) = (tmp_path / "users" / "waterline").iterdir()
     assert sorted(tmp_path.rglob("*.nbi")) == sorted(stamp.rglob("*.nbi"))
     assert len(list(stamp.rglob("*.nbc"))) == 2
     before = {path: path.stat().st_mtime_ns for path in stamp.rglob("*.nb?")}
-    assert answers(tmp_path, **home) == ("42 42\n", [])
+    assert results(tmp_path, **home) == ("42 42\n", [])
     assert {path: path.stat().st_mtime_ns for path in stamp.rglob("*.nb?")} == before
 
 
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
-def test_damaged_code_is_refused_with_the_folder_to_remove(kind, tmp_path):
-    assert answers(tmp_path) == ("42 42\n", [])
-    for path in tmp_path.rglob(f"*.{kind}"):
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    done = run(tmp_path, "import made; made.twice(21)")
+def test_damaged_code_is_refused_with_the_folder_to_remove(tmp_path):
+    assert results(tmp_path) == ("42 42\n", [])
     (stamp,) = (tmp_path / "cache" / "waterline").iterdir()
-    said = done.stderr.splitlines()[-1]
-    assert said.startswith(f"RuntimeError: compiled kernels in {stamp} are damaged (")
-    assert said.endswith("remove that folder")
+    for kind in ("nbi", "nbc"):
+        intact = {path: path.read_bytes() for path in stamp.rglob(f"*.{kind}")}
+        for path, content in intact.items():
+            path.write_bytes(content[: len(content) // 2])
+        done = run(tmp_path, "import made; made.twice(21)")
+        error = done.stderr.splitlines()[-1]
+        assert error.startswith(f"RuntimeError: compiled kernels in {stamp} are damaged (")
+        assert error.endswith("remove that folder")
+        for path, content in intact.items():
+            path.write_bytes(content)
     shutil.rmtree(stamp)
-    assert answers(tmp_path) == ("42 42\n", [])
+    assert results(tmp_path) == ("42 42\n", [])
 
 
-def test_where_no_code_can_be_kept_one_warning_says_so(tmp_path):
-    said, warned = answers(tmp_path, NUMBA_CACHE_DIR="/dev/null/x")
-    assert said == "42 42\n"
-    assert len(warned) == 1
-    assert "compiled kernels cannot be kept in /dev/null/x/waterline/" in warned[0]
-    assert "set NUMBA_CACHE_DIR to a folder that can be written" in warned[0]
+def test_an_unwritable_cache_gives_one_warning(tmp_path):
+    printed, warnings = results(tmp_path, NUMBA_CACHE_DIR="/dev/null/x")
+    assert printed == "42 42\n"
+    (warning,) = warnings
+    assert "compiled kernels cannot be kept in /dev/null/x/waterline/" in warning
+    assert "set NUMBA_CACHE_DIR to a folder that can be written" in warning
     assert not list(tmp_path.rglob("*.nb?"))
 
 
-def test_a_full_disk_keeps_no_code_and_says_so(tmp_path):
-    """Files may grow to a few bytes only, as on a full disk."""
+def test_a_full_disk_gives_one_warning(tmp_path):
+    """A limit on the size of files stands for the full disk."""
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))\n"
     (tmp_path / "made.py").write_text(limit + TWICE)
     done = run(tmp_path, "import made; print(made.twice(21))", PYTHONDONTWRITEBYTECODE="1")

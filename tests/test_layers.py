@@ -1,4 +1,4 @@
-"""The direction of imports, as the map in sim/__init__.py has it, read from the files."""
+"""Imports follow the map in sim/__init__.py."""
 
 import ast
 import re
@@ -14,7 +14,7 @@ TIERS = [
     {name.strip().rstrip("/") for name in line.split(",")}
     for line in re.findall(r"^    ([a-z_/, ]+?)   *\S", sim.__doc__, flags=re.MULTILINE)
 ][::-1]
-"""Rooms of the map, from the ground up; those of one line do not know one another."""
+"""Rooms of the map, from the bottom up. Rooms of one line do not import one another."""
 
 OUTSIDE = {
     "mujoco": {"mjcf", "plugin", "scenes", "runs", "recording"},
@@ -24,7 +24,7 @@ OUTSIDE = {
     "numba": {"kernels", "addresses"},
     "llvmlite": {"addresses"},
 }
-"""Which rooms may import a package from outside; others may be imported anywhere."""
+"""The rooms that may import an external package. All rooms may import the other packages."""
 
 PACKAGE = REPOSITORY / "sim"
 FILES = sorted(set(PACKAGE.rglob("*.py")) - {PACKAGE / "__init__.py"})
@@ -46,7 +46,7 @@ def room_of(path) -> str:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(REPOSITORY)))
-def test_imports_point_one_way(path):
+def test_imports_point_down_the_map(path):
     room = room_of(path)
     tier = next(i for i, rooms in enumerate(TIERS) if room in rooms)
     below = set().union({room}, *TIERS[:tier])
@@ -59,15 +59,15 @@ def test_imports_point_one_way(path):
             assert room in OUTSIDE.get(first, {room}), f"{room} imports {name}"
 
 
-def test_modules_of_a_room_do_not_import_in_circles():
-    of_module = {
+def test_imports_have_no_cycles():
+    imports = {
         ".".join(path.relative_to(REPOSITORY).with_suffix("").parts): imported(path)
         for path in FILES
     }
-    left = {name: names & set(of_module) for name, names in of_module.items()}
-    while free := {name for name, names in left.items() if not names & set(left)}:
-        left = {name: names for name, names in left.items() if name not in free}
-    assert left == {}
+    remaining = {name: names & set(imports) for name, names in imports.items()}
+    while free := {name for name, names in remaining.items() if not names & set(remaining)}:
+        remaining = {name: names for name, names in remaining.items() if name not in free}
+    assert remaining == {}
 
 
 def test_every_room_is_on_the_map():

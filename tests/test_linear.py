@@ -1,4 +1,4 @@
-"""The linear method: Archimedes, independent quadrature, symmetries, extremes."""
+"""The linear method: Archimedes' law, independent quadrature, symmetries, extremes."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def rotation_about_z(angle: float) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["icosphere", "torus", "bunny"])
 def test_archimedes_on_flat_water_in_any_pose(name):
-    """Buoyancy is the weight of the displaced water, whose volume trimesh cuts out."""
+    """The lift is the weight of the displaced water. trimesh computes its volume."""
     mesh = meshes()[name]
     method = Linear(Hull.from_trimesh(mesh), FLAT)
     rng = np.random.default_rng(11)
@@ -41,7 +41,7 @@ def test_archimedes_on_flat_water_in_any_pose(name):
 
 
 @pytest.mark.parametrize("name", ["icosphere", "torus", "bunny"])
-def test_submerged_hull_is_pushed_up_at_its_centroid(name):
+def test_a_submerged_hull_is_lifted_at_its_centroid(name):
     mesh = meshes()[name]
     hull = Hull.from_trimesh(mesh)
     rotation = random_rotation(np.random.default_rng(12))
@@ -67,7 +67,7 @@ def test_force_and_torque_agree_with_quadrature_of_the_clipped_surface(name):
         np.testing.assert_allclose(wrench / scale, expected / scale, atol=ROUND_OFF)
 
 
-def test_public_integrator_gives_the_methods_wrench():
+def test_wet_triangles_wrench_equals_the_methods_wrench():
     hull, sea = Hull.from_trimesh(meshes()["torus"]), three_waves()
     rotation, position = random_rotation(np.random.default_rng(14)), np.array([0.2, 0.1, 0.05])
     corners, heads = wet_triangles(hull, sea, position, rotation, 1.0)
@@ -77,7 +77,7 @@ def test_public_integrator_gives_the_methods_wrench():
 
 
 def test_metacentric_height_of_a_box():
-    """Righting torque of a slightly tilted box: weight x GM x angle, GM 0.2672 m."""
+    """The righting torque of a slightly tilted box is weight x GM x angle, with GM = 0.2672 m."""
     hull = Hull.from_trimesh(trimesh.creation.box(extents=[2.0, 1.0, 0.4]))
     draft = 0.6 * 0.4
     gm = 1.0 / (12.0 * draft) + draft / 2.0 - 0.2
@@ -90,7 +90,7 @@ def test_metacentric_height_of_a_box():
         assert torque / (-weight * gm * angle) == pytest.approx(1.0, abs=3.0 * angle**2)
 
 
-def test_nothing_changes_when_pose_and_sea_shift_together():
+def test_wrenches_stay_when_pose_and_sea_shift_together():
     hull, sea = Hull.from_trimesh(meshes()["bunny"]), three_waves().with_pressure("froude-krylov")
     shift, delay = np.array([1.7, -0.9]), 2.1
     moved = Sea(
@@ -113,20 +113,20 @@ def test_nothing_changes_when_pose_and_sea_shift_together():
     np.testing.assert_allclose(there, here, atol=ROUND_OFF * DENSITY * GRAVITY)
 
 
-def test_turning_everything_turns_the_wrench():
+def test_rotating_pose_and_sea_rotates_the_wrench():
     hull, sea = Hull.from_trimesh(meshes()["bunny"]), three_waves().with_pressure("froude-krylov")
     angle = 0.8
-    turned = Sea([Wave(w.amplitude, w.wavelength, w.heading + angle, w.phase) for w in sea.waves])
-    turn = rotation_about_z(angle)
+    rotated = Sea([Wave(w.amplitude, w.wavelength, w.heading + angle, w.phase) for w in sea.waves])
+    about_z = rotation_about_z(angle)
     rotation, position = random_rotation(np.random.default_rng(16)), np.array([0.4, -0.3, 0.1])
     wrench = Linear(hull, sea).wrench(position, rotation, 0.7)
-    expected = np.concatenate([turn @ wrench[:3], turn @ wrench[3:]])
-    found = Linear(hull, turned).wrench(turn @ position, turn @ rotation, 0.7)
+    expected = np.concatenate([about_z @ wrench[:3], about_z @ wrench[3:]])
+    found = Linear(hull, rotated).wrench(about_z @ position, about_z @ rotation, 0.7)
     np.testing.assert_allclose(found, expected, atol=ROUND_OFF * DENSITY * GRAVITY)
 
 
-def test_flat_water_is_conservative():
-    """No work is done around a closed path of height and tilt, to the path quadrature's error."""
+def test_forces_of_flat_water_are_conservative():
+    """The work along a closed path of height and tilt is zero, to the quadrature's error."""
     method = Linear(Hull.from_trimesh(trimesh.creation.box(extents=[2.0, 1.0, 0.4])), FLAT)
 
     def work(points: int) -> float:
@@ -141,11 +141,11 @@ def test_flat_water_is_conservative():
 
     coarse, fine = work(100), work(1000)
     assert fine < 1e-6
-    assert fine < coarse / 50.0  # the force has kinks where edges meet the water: second order
+    assert fine < coarse / 50.0  # second order, because the force has kinks
 
 
 def test_error_falls_with_the_square_of_the_triangles():
-    """Against itself on a mesh 4 times finer: midpoint subdivision, the surface stays the same."""
+    """Errors are relative to the finest mesh. Subdivision at midpoints keeps the surface."""
     sea, mesh = three_waves(), trimesh.creation.box(extents=[1.0, 1.0, 1.0])
     rng = np.random.default_rng(17)
     poses = [(rng.uniform(-1, 1, 3) * [1, 1, 0.3], random_rotation(rng)) for _ in range(5)]
@@ -159,16 +159,16 @@ def test_error_falls_with_the_square_of_the_triangles():
     assert ((slopes > 1.6) & (slopes < 2.9)).all(), slopes
 
 
-def test_a_dry_hull_feels_nothing():
+def test_a_dry_hull_has_no_wrench():
     hull = Hull.from_trimesh(meshes()["bunny"])
     for height in (1.0, 100.0, 1e6):
         wrench = Linear(hull, three_waves()).wrench([0.0, 0.0, height], np.eye(3), 0.0)
         assert not wrench.any()
 
 
-def test_deep_under_water_the_large_heads_do_not_drown_the_small_difference():
-    """Archimedes 10 km down: of heads of 1e4 m the force is their difference over the hull, and
-    what is lost goes with the round-off of the depth over the root of the vertices, not with it."""
+def test_deep_down_small_differences_of_large_heads_stay_accurate():
+    """Archimedes' law at a depth of 10 km, where the force is a small difference of heads of 1e4 m.
+    The round-off of many vertices averages out."""
     hull, depth = Hull.from_trimesh(meshes()["bunny"]), 1e4
     rng = np.random.default_rng(18)
     for _ in range(10):
@@ -189,13 +189,13 @@ def test_faces_and_vertices_exactly_on_the_surface(height):
     np.testing.assert_allclose(wrench, expected, atol=ROUND_OFF * DENSITY * GRAVITY)
 
 
-def test_a_pose_that_is_not_finite_gives_nan_and_does_not_hang():
+def test_a_pose_that_is_not_finite_gives_nan():
     method = Linear(Hull.from_trimesh(CUBE), three_waves())
     assert np.isnan(method.wrench([np.nan, 0.0, 0.0], np.eye(3), 0.0)).any()
     assert np.isnan(method.wrench([0.0, 0.0, np.nan], np.eye(3), 0.0)).any()
 
 
-def test_rotation_may_come_flat_as_mujoco_keeps_it():
+def test_rotations_may_be_flat_as_in_mujoco():
     method = Linear(Hull.from_trimesh(CUBE), three_waves())
     rotation = random_rotation(np.random.default_rng(19))
     np.testing.assert_array_equal(

@@ -1,4 +1,4 @@
-"""What all methods have in common: their names, hulls together; and a method from outside."""
+"""Properties of all methods: names, hulls together, refusals; and a method from outside."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ from sim.methods.method import parts_of
 BOX = Hull.from_trimesh(trimesh.creation.box(extents=[1.0, 1.0, 1.0]))
 
 
-class Pressed(Method):
-    """A toy: the hull is a point that the water lifts by its whole volume."""
+class PointMethod(Method):
+    """A toy method that lifts the hull by its whole volume if its position is under water."""
 
     def wrench(self, position, rotation, time):
         lift = DENSITY * GRAVITY * self.hull.volume if position[2] < self.sea.level else 0.0
@@ -23,14 +23,14 @@ class Pressed(Method):
 
 
 def test_a_method_from_outside_is_one_class_and_one_entry(monkeypatch):
-    """Scenes may name it, hulls with it float beside others, and it needs nothing but `wrench`."""
-    monkeypatch.setitem(METHODS, "pressed", Pressed)
+    """Scenes may name it, its hulls float beside others, and it only defines `wrench`."""
+    monkeypatch.setitem(METHODS, "point", PointMethod)
     other = CUBE.replace('"cube"', '"other"').replace("0 0 0", "3 0 -2")
-    custom = '<text name="buoyancy_method_cube" data="pressed"/>'
+    custom = '<text name="buoyancy_method_cube" data="point"/>'
     scene = Scene.from_model(model(CUBE + other, ("cube", "other"), custom))
-    assert isinstance(scene.buoyancy.floats[0].method, Pressed)
+    assert isinstance(scene.buoyancy.floats[0].method, PointMethod)
     wrenches = scene.buoyancy.wrenches(scene.data)
-    np.testing.assert_allclose(wrenches[:, 2], [0.0, DENSITY * GRAVITY])  # at the level; below it
+    np.testing.assert_allclose(wrenches[:, 2], [0.0, DENSITY * GRAVITY])  # at and below the level
     lifts = {float(sample.wrenches[0, 2]) for sample in simulate(scene, 0.5)}
     assert lifts == {0.0, DENSITY * GRAVITY}
 
@@ -45,7 +45,7 @@ def test_a_method_from_outside_is_one_class_and_one_entry(monkeypatch):
         ("chord:3:crests", (Chord, ("crests_only", True), "froude-krylov")),
     ],
 )
-def test_labels_name_a_method_its_setting_and_a_pressure(label, made):
+def test_labels_name_a_method_a_setting_and_a_pressure(label, made):
     kind, setting, pressure = made
     method = labelled_method(label, BOX, Sea([Wave(0.1, 4.0, 0.0, 0.0)]))
     assert type(method) is kind
@@ -64,13 +64,13 @@ def test_labels_name_a_method_its_setting_and_a_pressure(label, made):
         ("linear/static", "water pressure is 'static'"),
     ],
 )
-def test_labels_that_name_no_method_are_refused(label, message):
+def test_labels_without_a_method_are_refused(label, message):
     with pytest.raises(ValueError, match=message):
         labelled_method(label, BOX, Sea())
 
 
 @pytest.mark.parametrize("make", [Linear, Chord, Patches])
-def test_hulls_together_get_what_each_gets_alone(make):
+def test_hulls_together_have_the_wrenches_of_each_alone(make):
     seas = three_waves(), three_waves(0.2)
     ball = Hull.from_trimesh(meshes()["icosphere"])
     one, other, elsewhere = make(BOX, seas[0]), make(ball, seas[0]), make(ball, seas[1])
@@ -81,7 +81,7 @@ def test_hulls_together_get_what_each_gets_alone(make):
     parts = parts_of(methods, which)
     for kernel, block, places in parts:
         kernel(block, places, positions, rotations, 0.3, found)
-    assert len(parts) == (2 if make is Patches else 3)  # one for each sea, or for each method
+    assert len(parts) == (2 if make is Patches else 3)  # one per sea, or one per method
     for i, method in enumerate(methods):
         alone = method.wrench(positions[which[i]], rotations[which[i]], 0.3)
         scale = DENSITY * GRAVITY * method.hull.volume
@@ -89,7 +89,7 @@ def test_hulls_together_get_what_each_gets_alone(make):
 
 
 def test_methods_without_a_kernel_are_in_no_part():
-    methods = [Reference(BOX, Sea()), Linear(BOX, Sea()), Pressed(BOX, Sea())]
+    methods = [Reference(BOX, Sea()), Linear(BOX, Sea()), PointMethod(BOX, Sea())]
     (part,) = parts_of(methods, [7, 8, 9])
     assert part.places.tolist() == [(8, 1)]
 
@@ -100,7 +100,7 @@ EVERY = [lambda h, s: Linear(h, s), lambda h, s: Chord(h, s), lambda h, s: Patch
 
 @pytest.mark.parametrize("make", EVERY, ids=["linear", "chord", "patches", "reference"])
 @pytest.mark.parametrize("sea", [Sea(), three_waves()], ids=["calm", "waves"])
-def test_all_methods_answer_alike_what_is_no_pose(make, sea):
+def test_all_methods_refuse_the_same_poses(make, sea):
     method, level = make(Hull.from_trimesh(load_mesh("bunny")), sea), np.eye(3)
     assert np.isfinite(method.wrench([0, 0, 0], level.ravel(), 0.0)).all()
     for position in ([0, 0], [0, 0, 0, 0], [0.1], [[0, 0, 0]], 1.0):

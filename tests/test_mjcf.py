@@ -1,4 +1,4 @@
-"""What a model says about water and hulls, and every refusal."""
+"""Water and hulls of a model, and all refusals."""
 
 import mujoco
 import numpy as np
@@ -10,7 +10,7 @@ from independent import MODELS, ROUND_OFF
 from sim import Buoyancy, Chord, DragCoefficients, Linear, ModelError, Scene
 
 
-def test_reads_the_sea():
+def test_the_sea_is_read_from_custom_fields():
     compiled = model(custom='<numeric name="water_level" data="0.5"/>' + WAVES)
     sea = Buoyancy.of(compiled).sea
     assert (sea.density, sea.gravity, sea.level) == (1025.0, 9.81, 0.5)
@@ -20,11 +20,11 @@ def test_reads_the_sea():
     np.testing.assert_allclose([w.phase for w in sea.waves], np.radians([0.0, 40.0, 110.0]))
 
 
-def test_gravity_is_the_models_own():
+def test_gravity_comes_from_the_model():
     assert Buoyancy.of(model(option='<option gravity="0 0 -1.62"/>')).sea.gravity == 1.62
 
 
-def test_other_peoples_custom_elements_are_left_alone():
+def test_other_custom_elements_are_ignored():
     other = '<numeric name="gain" data="1 2"/><numeric name="dragon" data="1"/>'
     other += '<text name="author" data="me"/>'
     assert len(Buoyancy.of(model(custom=other)).floats) == 1
@@ -40,28 +40,27 @@ GEOMS = {
 
 
 @pytest.mark.parametrize("kind", GEOMS)
-def test_primitives_have_their_exact_volume_and_place(kind):
-    """Off the body's origin and turned, so that the body's inertial frame is not the geom's."""
+def test_primitives_have_their_exact_volume_and_position(kind):
+    """The geom is moved and rotated, so its frame differs from the body's inertial frame."""
     shape, volume = GEOMS[kind]
-    place = 'pos="0.2 -0.1 0.4" euler="30 40 50"'
+    pose = 'pos="0.2 -0.1 0.4" euler="30 40 50"'
     second = '<geom type="sphere" size="0.1" pos="-1 0 0"/>'
-    body = f'<body><freejoint/><geom name="g" {shape} {place}/>{second}</body>'
+    body = f'<body><freejoint/><geom name="g" {shape} {pose}/>{second}</body>'
     compiled = model(body, ("g",))
     (geom,) = Buoyancy.of(compiled).floats
     hull = geom.method.hull
     assert hull.volume == pytest.approx(volume, rel=ROUND_OFF)
-    quaternion = compiled.geom_quat[0]
-    turn = trimesh.transformations.quaternion_matrix(quaternion)[:3, :3]
-    centroid = turn @ hull.centroid + compiled.geom_pos[0]
+    rotation = trimesh.transformations.quaternion_matrix(compiled.geom_quat[0])[:3, :3]
+    centroid = rotation @ hull.centroid + compiled.geom_pos[0]
     np.testing.assert_allclose(centroid, [0.2, -0.1, 0.4], atol=ROUND_OFF)
-    # the farthest vertex from the geom's middle is as far as the shape says, within its facets
-    reach = np.linalg.norm(hull.vertices - hull.centroid, axis=1).max()
+    radius = np.linalg.norm(hull.vertices - hull.centroid, axis=1).max()
     expected = {"box": 0.5**0.5, "sphere": 0.5, "ellipsoid": 0.5, "cylinder": 0.34**0.5}
-    assert reach == pytest.approx(expected.get(kind, 0.8), rel=4e-3)
+    facets = 4e-3
+    assert radius == pytest.approx(expected.get(kind, 0.8), rel=facets)
 
 
 def test_mesh_geom_is_the_file_in_the_geoms_frame():
-    """Which MuJoCo puts into the mesh's centre of mass; volume as it is in float32."""
+    """MuJoCo moves that frame to the mesh's centre of mass, and keeps vertices in float32."""
     assets = f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}" inertia="exact"/>'
     body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" pos="1 2 3"/></body>'
     compiled = model(body, ("g",), assets=assets)
@@ -69,8 +68,9 @@ def test_mesh_geom_is_the_file_in_the_geoms_frame():
     hull = geom.method.hull
     mesh = trimesh.load_mesh(MODELS / "meshes" / "bunny.obj", process=False)
     assert len(hull.faces) == len(mesh.faces)
-    assert hull.volume == pytest.approx(mesh.volume, rel=1e-6)
-    np.testing.assert_allclose(hull.centroid, 0.0, atol=1e-6)
+    single_precision = 1e-6
+    assert hull.volume == pytest.approx(mesh.volume, rel=single_precision)
+    np.testing.assert_allclose(hull.centroid, 0.0, atol=single_precision)
 
 
 def test_method_of_one_geom_overrides_the_scenes_and_a_setting_overrides_both():
@@ -78,23 +78,24 @@ def test_method_of_one_geom_overrides_the_scenes_and_a_setting_overrides_both():
     <text name="buoyancy_method" data="chord"/> <numeric name="chord_samples" data="7"/>
     <text name="buoyancy_method_ball" data="linear"/>"""
     ball = '<body pos="3 0 0"><freejoint/><geom name="ball" size="0.2"/></body>'
-    what = CUBE + ball, ("cube", "ball"), custom
-    cube, ball = (f.method for f in Buoyancy.of(model(*what)).floats)
+    arguments = CUBE + ball, ("cube", "ball"), custom
+    cube, ball = (f.method for f in Buoyancy.of(model(*arguments)).floats)
     assert (type(cube), cube.samples, type(ball)) == (Chord, 7, Linear)
     settings = {"buoyancy_method": "linear", "buoyancy_method_ball": "chord", "chord_samples": 2}
-    cube, ball = (f.method for f in afloat(*what, load=dict(settings=settings)).buoyancy.floats)
+    scene = afloat(*arguments, load=dict(settings=settings))
+    cube, ball = (f.method for f in scene.buoyancy.floats)
     assert (type(cube), type(ball), ball.samples) == (Linear, Chord, 2)
 
 
-def test_pressure_is_the_scenes_unless_a_setting_says_another():
+def test_a_setting_overrides_the_scenes_pressure():
     plain, still = "", '<text name="water_pressure" data="hydrostatic"/>'
-    asked = {
+    cases = {
         (plain, None): "froude-krylov",
         (still, None): "hydrostatic",
         (still, "froude-krylov"): "froude-krylov",
         (plain, "hydrostatic"): "hydrostatic",
     }
-    for (custom, pressure), expected in asked.items():
+    for (custom, pressure), expected in cases.items():
         settings = {} if pressure is None else {"water_pressure": pressure}
         buoyancy = afloat(custom=custom, load=dict(settings=settings)).buoyancy
         assert buoyancy.sea.pressure == buoyancy.floats[0].method.sea.pressure == expected
@@ -110,7 +111,7 @@ COUPLED[0, 2] = COUPLED[2, 0] = 0.5
 TWO_CUBES = CUBE + CUBE.replace('"cube"', '"crate"').replace("0 0 0", "3 0 0")
 
 
-def test_drag_and_added_mass_of_one_geom_overrule_the_scenes():
+def test_drag_and_added_mass_of_one_geom_override_the_scenes():
     custom = (
         '<numeric name="drag" data="0.2 1 0.005"/><numeric name="drag_angular" data="0.5"/>'
         '<numeric name="added_mass" data="0.5 0.5 0.5 0 0 0"/>'
@@ -122,11 +123,11 @@ def test_drag_and_added_mass_of_one_geom_overrule_the_scenes():
     assert crate.drag.coefficients == DragCoefficients(0.3, 2.0, 0.0, 0.0)
     expected = np.diag([1025.0 / 2.0] * 3 + [0.0] * 3)
     np.testing.assert_allclose(cube.drag.added_mass, expected, atol=1e-9)
-    afloat = 0.5  # so much of it is under water then, and has the matrix whole
-    np.testing.assert_allclose(crate.drag.added_mass, np.eye(6) / afloat, rtol=1e-12)
+    submerged_share = 0.5  # at which a floating cube has the given matrix
+    np.testing.assert_allclose(crate.drag.added_mass, np.eye(6) / submerged_share, rtol=1e-12)
 
 
-def test_drag_is_off_unless_a_scene_asks():
+def test_drag_is_off_by_default():
     assert Buoyancy.of(model()).floats[0].drag is None
     custom = '<numeric name="drag_cube" data="0.2 1 0"/>'
     cube, crate = Buoyancy.of(model(TWO_CUBES, ("cube", "crate"), custom)).floats
@@ -134,7 +135,7 @@ def test_drag_is_off_unless_a_scene_asks():
     assert crate.drag is None
 
 
-def test_six_zeros_take_the_added_mass_from_one_geom():
+def test_six_zeros_remove_the_added_mass_of_one_geom():
     slide = CUBE.replace("<freejoint/>", '<joint type="slide" axis="0 0 1"/>')
     custom = '<numeric name="added_mass" data="1 1 1 0 0 0"/>'
     custom += '<numeric name="added_mass_cube" data="0 0 0 0 0 0"/>'
@@ -332,7 +333,7 @@ def test_refusals_name_the_element_and_the_remedy(case):
         model(**changes)
 
 
-def test_a_timestep_that_cannot_be_is_refused_after_a_model_that_differs_in_nothing_else():
+def test_an_impossible_timestep_is_refused_after_an_otherwise_equal_model():
     custom = '<numeric name="water_level" data="-0.0625"/>'
     assert Buoyancy.of(model(custom=custom)).sea.level == -0.0625
     with pytest.raises(ModelError, match=r"option timestep is 0.*above 0"):

@@ -1,4 +1,4 @@
-"""The scenes in models/: each runs at its own timestep, and what is known about some of them."""
+"""The scenes in models/: each runs at its timestep, and some match known results."""
 
 import make_scenes
 import mujoco
@@ -14,18 +14,18 @@ VOLUME = L * B * T * 4.0 / 9.0
 
 
 @pytest.mark.parametrize("path", sorted(MODELS.glob("*.xml")), ids=lambda path: path.stem)
-def test_scene_starts_from_its_keyframe_and_runs_at_its_timestep(path):
+def test_each_scene_starts_at_its_keyframe_and_runs_at_its_timestep(path):
     scene = Scene.load(path)
     assert scene.model.key("start").id == 0
     np.testing.assert_array_equal(scene.data.qpos, scene.model.key_qpos[0])
-    *_, last = simulate(scene, 0.5, rate=2.0)
-    assert last.time == pytest.approx(0.5, abs=scene.model.opt.timestep)
-    reach = scene.buoyancy.sea.amplitude + 3.0
-    assert (np.abs(last.centres[:, 2]) < reach).all()
+    *_, last = simulate(scene, 0.2, rate=5.0)
+    assert last.time == pytest.approx(0.2, abs=scene.model.opt.timestep)
+    highest = scene.buoyancy.sea.amplitude + 3.0
+    assert (np.abs(last.centres[:, 2]) < highest).all()
     assert np.abs(scene.data.qvel).max() < 20.0
 
 
-def test_generated_files_are_what_the_script_makes():
+def test_generated_files_match_the_script():
     assert (MODELS / "meshes" / "wigley.obj").read_text() == make_scenes.wigley_obj()
     assert (MODELS / "spheres.xml").read_text() == make_scenes.spheres_xml()
 
@@ -34,12 +34,12 @@ STATIONS = (20, 40, 80)
 
 
 def orders(errors: list[float]) -> np.ndarray:
-    """Order of convergence between one number of stations and its double."""
+    """Orders of convergence from one number of stations to the next, which is twice as large."""
     return np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))
 
 
 def wrench(stations: int, height: float = 0.0, roll: float = 0.0, pitch: float = 0.0):
-    """Force and torque (6,) of the Wigley hull about its place, in flat water."""
+    """Wrench (6,) of the Wigley hull about its position, in flat water."""
     cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
     about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
@@ -56,10 +56,10 @@ def waterplane_area(stations: int) -> float:
 
 
 def righting(stations: int, axis: int) -> float:
-    """Torque for each radian [N m] of roll (axis 0) or pitch (1) about the origin."""
+    """Torque [N m] per radian of roll (axis 0) or pitch (1), about the origin."""
     angle = 1e-4
-    turned = dict(roll=angle) if axis == 0 else dict(pitch=angle)
-    return wrench(stations, **turned)[3 + axis] / angle
+    rotation = dict(roll=angle) if axis == 0 else dict(pitch=angle)
+    return wrench(stations, **rotation)[3 + axis] / angle
 
 
 KEEL_TO_BUOYANCY = 5.0 / 8.0 * T
@@ -80,7 +80,7 @@ WIGLEY = {
 
 @pytest.mark.parametrize("quantity", WIGLEY)
 def test_hydrostatics_of_the_wigley_hull_converge_to_the_closed_form(quantity):
-    """Second order in the stations: facets of parabolas."""
+    """Facets of parabolas leave an error of second order in the stations."""
     measure, exact = WIGLEY[quantity]
     errors = [measure(stations) - exact for stations in STATIONS]
     assert abs(errors[1]) < 0.02 * max(abs(exact), T)
@@ -90,7 +90,7 @@ def test_hydrostatics_of_the_wigley_hull_converge_to_the_closed_form(quantity):
 @pytest.mark.parametrize("stations", [2, 4, 18, 40])
 def test_wigley_hull_is_closed_and_symmetric_at_any_density(stations):
     vertices, faces = make_scenes.wigley(stations)
-    hull = Hull(vertices, faces)  # refuses holes
+    hull = Hull(vertices, faces)  # refuses open surfaces
     assert len(hull.faces) == len(faces)
     np.testing.assert_allclose(hull.bounds[1], [L / 2, B / 2, make_scenes.FREEBOARD])
     np.testing.assert_allclose(hull.bounds[0], [-L / 2, -B / 2, -T])
@@ -105,8 +105,8 @@ def test_wigley_floats_at_its_design_draft():
     assert height_of_metacentre == pytest.approx(0.10, abs=0.005)
     flat = Scene.from_model(without_waves(MODELS / "wigley.xml"))
     *_, last = simulate(flat, 5.0)
-    faceted = 0.01  # the mesh displaces 0.6 % less than the hull
-    assert last.positions[0, 2] == pytest.approx(0.0, abs=faceted)
+    facets = 0.01  # m; the mesh displaces 0.6 % less than the hull
+    assert last.positions[0, 2] == pytest.approx(0.0, abs=facets)
     assert last.tilts[0] < np.radians(0.1)
 
 
@@ -118,7 +118,7 @@ def without_waves(path) -> mujoco.MjModel:
     return spec.compile()
 
 
-def test_the_top_heavy_box_capsizes_and_stays_so():
+def test_the_top_heavy_box_capsizes_and_stays_capsized():
     samples = list(simulate(Scene.load(MODELS / "topheavy.xml"), 6.0))
     assert samples[0].tilts[0] == 0.0
     assert all(s.tilts[0] > np.radians(80.0) for s in samples if s.time > 3.0)
@@ -128,14 +128,15 @@ def test_the_spar_floats_upright_at_its_draft_and_heaves_slowly():
     flat = Scene.from_model(without_waves(MODELS / "spar.xml"))
     flat.data.qpos[2] += 0.1
     samples = list(simulate(flat, 8.0, rate=100.0))
-    heights = np.array([s.positions[0, 2] for s in samples]) + 1.0  # 3 m of 4 m are under water
+    heights = np.array([s.positions[0, 2] for s in samples]) + 1.0  # the draught is 3 m of 4 m
     downwards = np.flatnonzero((heights[:-1] > 0.0) & (heights[1:] <= 0.0))
-    lightly_damped = 0.005  # the damping lengthens the period by less
+    light_damping = 0.005
     period = np.diff(downwards).mean() / 100.0
-    assert period == pytest.approx(2.0 * np.pi * np.sqrt(3.0 / GRAVITY), rel=lightly_damped)
+    assert period == pytest.approx(2.0 * np.pi * np.sqrt(3.0 / GRAVITY), rel=light_damping)
     rough = list(simulate(Scene.load(MODELS / "spar.xml"), 10.0))
     assert max(s.tilts[0] for s in rough) < np.radians(30.0)
-    assert np.std([s.centres[0, 2] - s.elevations[0] for s in rough]) > 0.05  # it does not follow
+    relative_heights = [s.centres[0, 2] - s.elevations[0] for s in rough]
+    assert np.std(relative_heights) > 0.05  # it does not follow the waves
 
 
 def test_the_articulated_floats_hinge_works_and_holds():
@@ -151,16 +152,16 @@ def test_the_articulated_floats_hinge_works_and_holds():
     assert max(gaps) < 1e-12
 
 
-def test_the_spheres_are_a_hundred_of_1280_faces_and_keep_off_the_faulty_solver():
+def test_the_hundred_spheres_have_1280_faces_and_use_the_cg_solver():
     scene = Scene.load(MODELS / "spheres.xml")
     assert [len(f.method.hull.faces) for f in scene.buoyancy.floats] == [1280] * 100
     assert scene.model.opt.solver == mujoco.mjtSolver.mjSOL_CG
     assert scene.model.geom_contype.all()
 
 
-def test_what_the_readme_gives_a_newcomer_floats_and_stays(tmp_path):
-    """Its elements and its four lines of Python, taken literally, with a box for a boat: it neither
-    surfs away nor jumps about."""
+def test_the_example_of_the_readme_floats(tmp_path):
+    """Its elements and its Python, unchanged, with a box as the boat. The boat must neither drift
+    far nor jump."""
     readme = (REPOSITORY / "README.md").read_text()
     custom = next(text for text in blocks(readme, "xml") if "<custom>" in text)
     program = next(text for text in blocks(readme, "python") if "mj_step" in text)
@@ -179,4 +180,4 @@ def test_what_the_readme_gives_a_newcomer_floats_and_stays(tmp_path):
 
 def blocks(text: str, language: str) -> list[str]:
     """The blocks of code of a Markdown text."""
-    return [part.split("```")[0] for part in text.split(f"```{language}\n")[1:]]
+    return [rest.split("```")[0] for rest in text.split(f"```{language}\n")[1:]]

@@ -1,4 +1,4 @@
-"""Robots and scenes as people bring them: what floats, is refused all at once, or is noted."""
+"""Robots and scenes from outside: their floats, faults and notes."""
 
 import copy
 import pickle
@@ -19,16 +19,16 @@ ROUND_OFF = 1e-9
 
 
 def notes_of(*args, **kwargs) -> list[str]:
-    """What compiling the `model` of these arguments says."""
+    """The notes from compiling the `model` with these arguments."""
     return notes_while(lambda: model(*args, **kwargs))
 
 
 def notes_while(compile_one: Callable[[], mujoco.MjModel]) -> list[str]:
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         compile_one()
-    assert all(issubclass(w.category, Note) for w in said)
-    return [str(w.message) for w in said]
+    assert all(issubclass(w.category, Note) for w in caught)
+    return [str(w.message) for w in caught]
 
 
 def listing(*bodies: str) -> str:
@@ -37,7 +37,7 @@ def listing(*bodies: str) -> str:
 
 
 def robot(limbs: int = 20) -> str:
-    """A torso with limbs of two unnamed geoms each, one of which only shows."""
+    """A torso with limbs of two unnamed geoms each, one of which is only visual."""
     links = "".join(
         f'<body pos="{0.5 * i} 0 0"><joint axis="0 1 0"/>'
         '<geom type="capsule" size="0.05 0.15" density="500"/>'
@@ -47,7 +47,7 @@ def robot(limbs: int = 20) -> str:
     return f'<body name="torso"><freejoint/><geom size="0.2" density="500"/>{links}</body>'
 
 
-def test_a_body_stands_for_all_geoms_of_its_subtree_that_collide():
+def test_a_body_stands_for_all_colliding_geoms_of_its_subtree():
     compiled = model(robot(), (), extra=listing("torso"))
     floats = Buoyancy.of(compiled).floats
     assert len(floats) == 21
@@ -58,7 +58,7 @@ def test_a_body_stands_for_all_geoms_of_its_subtree_that_collide():
     assert [f.geoms for f in floats] == [(0,), (1, 2)]  # capsule and box overlap
 
 
-def test_settings_may_name_a_body_and_geoms_without_a_name():
+def test_settings_may_name_bodies_and_unnamed_geoms():
     custom = (
         '<numeric name="drag_torso" data="0.2 1 0"/><numeric name="drag_arm" data="0.3 2 0"/>'
         '<text name="buoyancy_method_arm/geom 1" data="linear"/>'
@@ -89,14 +89,13 @@ FAULTY = xml(
 )
 
 
-def test_all_faults_are_told_at_once(tmp_path, capsys):
+def test_all_faults_are_reported_at_once(tmp_path, capsys):
     with pytest.raises(ModelError) as caught:
         Scene.load(mujoco.MjSpec.from_string(FAULTY))
     faults = caught.value.faults
-    words = ("density is 1000", "flag gravity", "wave_a' has 3", "water_depth' is unknown",
-             "rock' belongs to the world", "'magic' is not a method")  # fmt: skip
-    for word in words:
-        assert sum(word in fault for fault in faults) == 1, word
+    for text in ("density is 1000", "flag gravity", "wave_a' has 3", "water_depth' is unknown",
+                 "rock' belongs to the world", "'magic' is not a method"):  # fmt: skip
+        assert sum(text in fault for fault in faults) == 1, text
     assert all("\n" not in fault for fault in faults)
     for again in (pickle.loads(pickle.dumps(caught.value)), copy.copy(caught.value)):
         assert again.faults == faults
@@ -145,13 +144,13 @@ NOTED = {
 
 
 @pytest.mark.parametrize("case", NOTED)
-def test_what_is_likely_not_meant_is_noted(case):
+def test_likely_mistakes_are_noted(case):
     changes, message = NOTED[case]
     with pytest.warns(Note, match=message):
         model(**changes)
 
 
-def test_what_is_fine_is_not_noted():
+def test_models_without_mistakes_are_not_noted():
     far = CUBE + STATIC.format("plane", "5 5 1", -3)
     ghost = CUBE + STATIC.format("plane", "5 5 1", 0).replace(
         "/>", ' contype="0" conaffinity="0"/>'
@@ -167,7 +166,7 @@ def test_the_shipped_models_are_not_noted(name):
     assert notes_while(lambda: mujoco.MjModel.from_xml_path(path)) == []
 
 
-def test_notes_of_one_kind_are_said_once():
+def test_equal_notes_are_combined():
     (note,) = notes_of(
         robot(8).replace('contype="0" conaffinity="0"', ""),
         (),
@@ -182,7 +181,7 @@ KEYS = '<keyframe><key qpos="0 0 0 1 0 0 0  {} 0 0 1 0 0 0"/></keyframe>'
 NEARLY_ALIKE = {
     "mass": (dict(), dict(bodies=CUBE.replace("512.5", "1")), "times as dense"),
     "gravcomp": (dict(), dict(bodies=CUBE.replace("<body", '<body gravcomp="1"')), "gravcomp"),
-    "place": (
+    "position": (
         dict(bodies=TWO.format(3), buoyant=("cube", "crate")),
         dict(bodies=TWO.format(0.7), buoyant=("cube", "crate")),
         "move them apart",
@@ -196,15 +195,15 @@ NEARLY_ALIKE = {
 
 
 @pytest.mark.parametrize("is_first", [True, False])
-@pytest.mark.parametrize("what", NEARLY_ALIKE)
-def test_notes_are_those_of_the_model_and_not_of_one_like_it(what, is_first):
-    """Whichever is compiled first; in water that only they have."""
-    fine, odd, message = NEARLY_ALIKE[what]
-    level = 1e-6 * (2 * list(NEARLY_ALIKE).index(what) + is_first + 1)
+@pytest.mark.parametrize("case", NEARLY_ALIKE)
+def test_notes_belong_to_the_model_and_not_to_a_similar_one(case, is_first):
+    """In either order. No other test has the water level of these models."""
+    faultless, noted, message = NEARLY_ALIKE[case]
+    level = 1e-6 * (2 * list(NEARLY_ALIKE).index(case) + is_first + 1)
     custom = f'<numeric name="water_level" data="{level}"/>'
-    for changes in (fine, odd)[:: 1 if is_first else -1]:
-        said = " ".join(notes_of(**changes, custom=custom))
-        assert (message in said) == (changes is odd)
+    for changes in (faultless, noted)[:: 1 if is_first else -1]:
+        notes = " ".join(notes_of(**changes, custom=custom))
+        assert (message in notes) == (changes is noted)
 
 
 def test_notes_can_be_errors_or_silent():
@@ -219,7 +218,7 @@ def test_notes_can_be_errors_or_silent():
         afloat(CUBE.replace("512.5", "1"))
 
 
-def test_a_mesh_of_legacy_inertia_is_noted():
+def test_a_mesh_with_legacy_inertia_is_noted():
     mesh = f'<mesh name="m" file="{MODELS / "meshes" / "bunny.obj"}"{{}}/>'
     body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" density="500"/></body>'
     assert notes_of(body, ("g",), assets=mesh.format(' inertia="exact"')) == []
@@ -235,7 +234,7 @@ OVERLAP = CUBE.replace(
 )
 
 
-def test_overlaps_of_a_body_count_once_unless_switched_off():
+def test_overlaps_of_a_body_count_once_by_default():
     with pytest.warns(Note):
         scene = Scene.from_model(model(OVERLAP, ("cube", "keel")))
     (one,) = scene.buoyancy.floats
@@ -253,8 +252,8 @@ def test_overlaps_of_a_body_count_once_unless_switched_off():
         assert len(Buoyancy.of(model(OVERLAP, ("cube", "keel"), other)).floats) == 2
 
 
-def test_overlaps_that_cannot_be_one_surface_stay_apart_and_are_noted():
-    """Two boxes that touch along an edge, and a third in both of them elsewhere."""
+def test_overlaps_that_cannot_be_united_stay_separate_and_are_noted():
+    """Two boxes touch along an edge, and a third overlaps both of them elsewhere."""
     box = '<geom name="{}" type="box" size="0.5 0.5 {}" pos="{}" density="100"/>'
     geoms = box.format("a", 0.5, "0 0 0") + box.format("b", 0.5, "1 1 0")
     third = '<geom name="c" type="box" size="0.4 0.4 0.1" pos="0.5 0.5 0" density="100"/>'
@@ -263,7 +262,7 @@ def test_overlaps_that_cannot_be_one_surface_stay_apart_and_are_noted():
     assert len(Buoyancy.of(compiled).floats) == 3
 
 
-def test_a_united_geom_that_moves_on_its_body_is_united_anew_at_a_reset():
+def test_a_moved_geom_is_united_again_at_a_reset():
     compiled = model(OVERLAP, ("cube", "keel"))
     before, data = Buoyancy.of(compiled), mujoco.MjData(compiled)
     compiled.geom_pos[1, 0] += 0.1
@@ -278,8 +277,8 @@ def test_a_united_geom_that_moves_on_its_body_is_united_anew_at_a_reset():
     assert after > before.floats[0].method.hull.volume + 0.05
 
 
-def test_the_displaced_volume_may_be_another_than_the_hulls():
-    """As that of an 11.5 kg vehicle, flooded, whose frame is a box of 43.8 litres."""
+def test_the_displaced_volume_may_differ_from_the_hulls():
+    """For example, a flooded vehicle displaces less than the box around its frame."""
     custom = '<numeric name="displaced_cube" data="0.25"/>'
     scene = Scene.from_model(model(CUBE.replace("512.5", "128"), custom=custom))
     scene.data.qpos[2] = -9.0
@@ -316,7 +315,7 @@ def test_primitives_of_any_size_have_their_volume(kind, sizes, volume, size):
 
 
 def attached(sea: str = WAVES, own: str = "") -> mujoco.MjModel:
-    """A cube that was attached to a model by MjSpec, which puts 'a_' before all names."""
+    """A cube that MjSpec has attached to a model, with 'a_' before all names."""
     parent = mujoco.MjSpec.from_string(
         f'<mujoco><option timestep="0.005"/><custom>{own}</custom><worldbody/></mujoco>'
     )
@@ -344,7 +343,7 @@ def test_two_different_seas_are_refused():
         attached(own='<numeric name="wave_a" data="0.1 3 0 0"/>')
 
 
-def test_the_wrapper_of_dm_control_is_taken():
+def test_wrapped_models_as_in_dm_control_are_accepted():
     class Wrapper:
         ptr = model()
 
@@ -362,13 +361,13 @@ STARTS = {
 
 
 @pytest.mark.parametrize("case", STARTS)
-def test_a_start_that_does_not_stay_is_noted(case):
+def test_a_start_away_from_the_rest_is_noted(case):
     body, message = STARTS[case]
     with pytest.warns(Note, match=message):
         Scene.from_model(model(body))
 
 
-def test_run_says_notes_in_one_line_each(tmp_path, capsys):
+def test_run_prints_each_note_in_one_line(tmp_path, capsys):
     file = tmp_path / "light.xml"
     file.write_text(xml(CUBE.replace("512.5", "1"), option='<option density="1.2"/>'))
     arguments = [file, "--no-record", "--duration", "0.01"]

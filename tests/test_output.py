@@ -1,4 +1,4 @@
-"""Where recordings are written: one writer for a file, and what ends a recording."""
+"""Files of recordings: one writer per file, and files that are removed or replaced."""
 
 import os
 import time
@@ -13,41 +13,41 @@ from sim import Recorder, Scene, read_series, simulate
 CUBE = MODELS / "cube.xml"
 
 
-def record(path, scene: Scene, meddle) -> None:
-    """A run half way through which something happens to the file."""
+def record(path, scene: Scene, interfere) -> None:
+    """Record a run, and call `interfere` half way through."""
     with Recorder(path, scene, water_resolution=2) as recorder:
         for i, sample in enumerate(simulate(scene, 2.0)):
             recorder.log(sample)
             if i == 30:
-                meddle()
+                interfere()
 
 
-def test_a_file_has_one_writer_and_nothing_of_it_is_lost(tmp_path):
+def test_a_file_has_one_writer(tmp_path):
     scene, path = Scene.load(CUBE), tmp_path / "new" / "folder" / "a.rrd"
 
-    def try_too() -> None:
+    def open_again() -> None:
         with pytest.raises(OSError, match=r"a\.rrd is being written by another run; give another"):
             Recorder(path, scene)
 
-    record(path, scene, try_too)
+    record(path, scene, open_again)
     assert len(read_series(path)["height/cube"][0]) == 61
-    Recorder(path, scene).close()  # it is free again
+    Recorder(path, scene).close()  # the file is free again
 
 
-def replaced(path) -> None:
+def replace(path) -> None:
     path.unlink()
-    path.write_bytes(b"another's")
+    path.write_bytes(b"another file")
 
 
-@pytest.mark.parametrize("meddle", [os.remove, replaced], ids=["removed", "replaced"])
-def test_a_recording_that_is_removed_ends_the_run(meddle, tmp_path):
+@pytest.mark.parametrize("interfere", [os.remove, replace], ids=["removed", "replaced"])
+def test_a_removed_recording_ends_the_run(interfere, tmp_path):
     scene, path = Scene.load(CUBE), tmp_path / "a.rrd"
     with pytest.raises(OSError, match=r"a\.rrd: the recording was removed while it was written"):
-        record(path, scene, lambda: meddle(path))
-    assert not path.exists() or path.read_bytes() == b"another's"
+        record(path, scene, lambda: interfere(path))
+    assert not path.exists() or path.read_bytes() == b"another file"
 
 
-def test_a_script_whose_recording_is_removed_says_so_and_sums_up(tmp_path, capfd):
+def test_a_script_reports_a_removed_recording_and_prints_its_summary(tmp_path, capfd):
     path = tmp_path / "a.rrd"
 
     def remove() -> None:
@@ -58,26 +58,26 @@ def test_a_script_whose_recording_is_removed_says_so_and_sums_up(tmp_path, capfd
     remover = Thread(target=remove, daemon=True)
     remover.start()
     assert status_of("run.py", CUBE, "--duration", 60, "--record", path) == UNWRITABLE
-    told = capfd.readouterr()
-    *notes, line = told.err.splitlines()
+    printed = capfd.readouterr()
+    *notes, line = printed.err.splitlines()
     assert line == f"run.py: {path}: the recording was removed while it was written"
     assert all(note.startswith("run.py: note: ") for note in notes)
-    assert "x real time" in told.out
+    assert "x real time" in printed.out
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_recorded_stays_until_the_new_recording_begins(tmp_path, capfd):
+def test_an_old_recording_stays_until_a_new_one_begins(tmp_path, capfd):
     path, broken = tmp_path / "a.rrd", tmp_path / "broken.xml"
-    path.write_bytes(b"of yesterday")
+    path.write_bytes(b"an old recording")
     broken.write_text("<mujoco/>")
     assert status_of("run.py", broken, "--record", path) == UNUSABLE_INPUT
     assert status_of("run.py", CUBE, "--timestep", "1e-12", "--record", path) == UNUSABLE_INPUT
-    assert path.read_bytes() == b"of yesterday"
+    assert path.read_bytes() == b"an old recording"
     assert status_of("run.py", CUBE, "--duration", 0.1, "--record", path, "--quiet") == 0
     assert len(read_series(path)["height/cube"][0]) == 4
 
 
-def test_rerun_switched_off_is_said(tmp_path, monkeypatch, capfd):
+def test_rerun_switched_off_is_reported(tmp_path, monkeypatch, capfd):
     monkeypatch.setenv("RERUN", "off")
     arguments = CUBE, "--duration", "0.1", "--record", tmp_path / "a.rrd"
     assert status_of("run.py", *arguments) == UNUSABLE_INPUT

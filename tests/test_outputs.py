@@ -1,4 +1,4 @@
-"""Outputs: nothing that a script reads is written over."""
+"""Scripts never overwrite their inputs."""
 
 import shutil
 from pathlib import Path
@@ -34,7 +34,7 @@ def scene(tmp_path) -> Path:
 INPUTS = ("scene.xml", "link.rrd", "parts/water.xml", "hulls/bunny.obj")
 
 
-def test_all_files_of_a_model_are_known(scene):
+def test_all_files_of_a_model_are_found(scene):
     folder = scene.parent
     expected = [folder / name for name in INPUTS if name != "link.rrd"]
     assert sorted(model_files(scene)) == sorted(expected)
@@ -52,7 +52,7 @@ OPTIONS = [
 
 @pytest.mark.parametrize("name", INPUTS)
 @pytest.mark.parametrize(("script", "option"), OPTIONS)
-def test_no_script_writes_over_what_its_scene_is_made_of(scene, script, option, name, capsys):
+def test_no_script_overwrites_a_file_of_its_scene(scene, script, option, name, capsys):
     before = {path: (scene.parent / path).read_bytes() for path in INPUTS}
     methods = ["--methods", "linear", "--no-record"][: 2 if option == "--record" else 3]
     more = methods if script == "compare.py" else []
@@ -67,7 +67,7 @@ def test_no_script_writes_over_what_its_scene_is_made_of(scene, script, option, 
     ("script", "options"),
     [("run.py", ("--record", "--json")), ("hydrostatics.py", ("--json", "--figure"))],
 )
-def test_two_outputs_are_two_files(scene, script, options, capsys):
+def test_two_outputs_need_two_files(scene, script, options, capsys):
     same = scene.parent / "out.rrd"
     assert (
         status_of(script, scene, options[0], same, options[1], scene.parent / "." / "out.rrd") == 2
@@ -76,7 +76,7 @@ def test_two_outputs_are_two_files(scene, script, options, capsys):
     assert not same.exists()
 
 
-def test_a_recording_that_is_read_is_not_written_over(tmp_path, capsys):
+def test_a_recording_that_is_read_is_not_overwritten(tmp_path, capsys):
     file = tmp_path / "a.rrd"
     file.write_bytes(b"RRF2 and so on")
     assert status_of("read_recording.py", file, "--output", file) == 2

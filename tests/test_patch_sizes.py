@@ -1,4 +1,4 @@
-"""Patch sizes: how finely hulls are cut, what is refused, and what the default leaves."""
+"""Patch sizes: how finely hulls are cut, refusals, and the error of the default tolerance."""
 
 import numpy as np
 import pytest
@@ -40,47 +40,53 @@ def box(extents) -> Hull:
         ((100.0, 100.0, 1.0), 0.05, 1e-4, r"triangles with .* more than 2000000 on this hull; use"),
     ],
 )
-def test_refuses_a_tolerance_that_asks_for_too_much(
+def test_a_tolerance_that_needs_too_many_patches_is_refused(
     extents, steepness, tolerance, reason, monkeypatch
 ):
-    """By estimate, before anything is cut."""
+    """The estimate refuses it before anything is cut."""
     monkeypatch.setattr(patch_sizes, "build_tree", None)
     with pytest.raises(ValueError, match=reason):
         Patches(box(extents), Sea([Wave(steepness * 20.0 / TURN, 20.0)]), tolerance)
 
 
-@pytest.mark.parametrize("steepness", [0.16, 0.8, 0.95, 0.99])
 @pytest.mark.parametrize(
-    "extents",
-    [(1.0, 1.0, 1.0), (10.0, 4.0, 2.0), (200.0, 40.0, 4.0), (20.0, 0.01, 0.01), (1e6, 1e6, 1e6)],
+    ("extents", "steepness"),
+    [
+        ((1.0, 1.0, 1.0), 0.16), ((1.0, 1.0, 1.0), 0.8), ((1.0, 1.0, 1.0), 0.99),
+        ((10.0, 4.0, 2.0), 0.16), ((10.0, 4.0, 2.0), 0.99), ((200.0, 40.0, 4.0), 0.8),
+        ((20.0, 0.01, 0.01), 0.16), ((20.0, 0.01, 0.01), 0.99),
+        ((1e6, 1e6, 1e6), 0.16), ((1e6, 1e6, 1e6), 0.99),
+    ],
     ids=str,
-)
+)  # fmt: skip
 def test_the_default_tolerance_has_a_budget(extents, steepness):
     hull, sea = box(extents), Sea([Wave(steepness * 4.0 / TURN, 4.0)])
     method = Patches(hull, sea)
     assert len(method.tree.patches) <= MOST_PATCHES
-    assert np.count_nonzero(method.tree.leaves["triangles"]) <= 1.2 * MOST_TRIANGLES  # estimated
-    wished = default_tolerance(hull)
+    estimate_ratio = 1.2
+    triangles = np.count_nonzero(method.tree.leaves["triangles"])
+    assert triangles <= estimate_ratio * MOST_TRIANGLES
+    wanted = default_tolerance(hull)
     assert method.is_coarse == bool(method.notes)
     if not method.is_coarse:
-        assert method.tolerance <= wished * LARGER_RADIUS_RATIO**4
-        assert method.tolerance <= wished or len(method.tree.patches) > 0.3 * MANY_PATCHES
-        assert method.tolerance >= wished or len(method.tree.patches) < 4 * FEW_PATCHES
-    else:  # no more than it takes: the budget is used
+        assert method.tolerance <= wanted * LARGER_RADIUS_RATIO**4
+        assert method.tolerance <= wanted or len(method.tree.patches) > 0.3 * MANY_PATCHES
+        assert method.tolerance >= wanted or len(method.tree.patches) < 4 * FEW_PATCHES
+    else:  # a coarse method uses its budget
         assert len(method.tree.patches) > 0.5 * MOST_PATCHES or max(extents) == 20.0
 
 
-def test_the_default_tolerance_goes_by_what_counts_for_the_force():
-    """Random hulls and seas: the force is right to what the docstring of Patches claims."""
+def test_the_default_tolerance_bounds_the_force_error(monkeypatch):
+    """Over random hulls and seas the force error stays below the claim in the doc of Patches."""
+    monkeypatch.setattr("benchmarks.random_cases.POSES_PER_CASE", 2)
     cases = list(random_cases(8, seed=7, truth=1e-5))
     assert any("box" in c.name for c in cases)
     assert len({c.name.split(";")[0] for c in cases}) == 8
     assert sum(c.is_coarse for c in cases) < 4
-    assert max(c.error for c in cases if not c.is_coarse) < 1e-3
     assert max(c.error for c in cases) < 1e-3
 
 
-def test_how_many_patches_there_will_be_is_known_to_a_factor():
+def test_the_number_of_patches_is_estimated_to_a_factor():
     for number in range(12):
         name, hull = random_hull(np.random.default_rng([7, number]))
         for estimate in (30, 200):
@@ -89,8 +95,8 @@ def test_how_many_patches_there_will_be_is_known_to_a_factor():
             assert 0.25 * estimate < count < 1.25 * estimate, name
 
 
-def test_slivers_are_cut_across():
-    """Into as many triangles as it takes edges along them, and the surface stays the same."""
+def test_slivers_are_cut_across_their_length():
+    """The pieces are about as long as the largest edge allowed, and the surface stays the same."""
     corners = box((20.0, 0.01, 0.02)).vertices[box((20.0, 0.01, 0.02)).faces]
     cut = split_triangles(across(corners, 0.1), lambda c: sides(c).max(axis=1) > 0.1, 10_000)
     assert 8 * 200 <= len(cut) <= 2.2 * 8 * 200
@@ -103,13 +109,13 @@ def test_slivers_are_cut_across():
     )
 
 
-def test_waves_much_shorter_than_patches_are_averaged_and_not_extrapolated():
-    """A cubic that fits ripples over the middle of a patch is off by hundreds of their heights at
-    its rim; over all of it, by no more than a few, however large it is."""
+def test_waves_much_shorter_than_patches_are_averaged():
+    """A cubic that fits ripples only near the centre of a patch is wrong by hundreds of their
+    heights at its rim. Fitted over the whole patch, of any size, it is wrong by a few."""
     swell, ripples = Wave(0.3, 12.0), [Wave(0.02, 0.8, 1.0), Wave(0.03, 1.5, 2.0)]
     for pressure in PRESSURES:
         sea = Sea([swell, *ripples], pressure=pressure)
-        assert jet_tolerance(sea, 1.7) < 0.2  # with one disc for all waves 17
+        assert jet_tolerance(sea, 1.7) < 0.2  # it would be 17 with one disc for all waves
         assert jet_tolerance(Sea(ripples, pressure=pressure), 1e5) < 4.0 * 0.05
 
 
@@ -117,8 +123,8 @@ def test_waves_much_shorter_than_patches_are_averaged_and_not_extrapolated():
     ("extents", "length"),
     [((20.0, 0.01, 0.01), 4.0), ((20.0, 0.02, 0.02), 15.0), ((10.0, 10.0, 0.03), 8.0)],
 )
-def test_slender_and_flat_hulls_are_as_right_as_others(extents, length):
-    """By their longest side alone they would be five to a thousand times as wrong."""
+def test_slender_and_flat_hulls_are_as_accurate_as_others(extents, length):
+    """A tolerance from their longest side would leave five to a thousand times the error."""
     hull, sea = box(extents), Sea([Wave(0.16 * length / TURN, length, 0.3)])
     poses = waterline_poses(hull, sea, 3, seed=1)
     truth = wrenches(Reference(hull, sea, 1e-5), poses)
@@ -130,9 +136,9 @@ def test_slender_and_flat_hulls_are_as_right_as_others(extents, length):
     assert by_depth < 0.2 * by_length
 
 
-def test_heads_that_are_linear_over_triangles_miss_less_than_jets():
-    """A plate that lies in the surface: under a crest all its triangles miss in the same direction,
-    1.1e-3 of the water's weight, were they as large as the tolerance allows."""
+def test_linear_heads_over_triangles_err_less_than_jets():
+    """Under a crest, the errors of all triangles of a plate in the surface have the same sign. If
+    the triangles were as large as the tolerance allows, they would add up to 1.1e-3."""
     waves = [
         (0.0535, 3.39, 2.667, 5.564),
         (0.0491, 1.92, 1.3, 4.917),
@@ -145,20 +151,20 @@ def test_heads_that_are_linear_over_triangles_miss_less_than_jets():
     assert errors(wrenches(method, poses), truth, method).force_max < 3e-4
 
 
-def test_where_patches_are_many_each_may_be_larger():
+def test_many_patches_may_each_be_larger():
     hull, sea = box((1.0, 1.0, 1.0)), Sea([Wave(0.8 * 4.0 / TURN, 4.0)])
-    by_default, as_wished = Patches(hull, sea), Patches(hull, sea, default_tolerance(hull))
-    assert 0.3 * MANY_PATCHES < len(by_default.tree.patches) < 0.6 * len(as_wished.tree.patches)
-    assert by_default.tolerance > 2.0 * as_wished.tolerance
+    by_default, as_wanted = Patches(hull, sea), Patches(hull, sea, default_tolerance(hull))
+    assert 0.3 * MANY_PATCHES < len(by_default.tree.patches) < 0.6 * len(as_wanted.tree.patches)
+    assert by_default.tolerance > 2.0 * as_wanted.tolerance
     poses = waterline_poses(hull, sea, 3, seed=1)
     truth = wrenches(Reference(hull, sea, 1e-5), poses)
     assert errors(wrenches(by_default, poses), truth, by_default).force_max < 1e-4
 
 
-def test_a_larger_tolerance_never_asks_for_smaller_patches():
-    """Where waves are shorter than patches, these are halved until they are not, and grow again."""
+def test_a_larger_tolerance_never_needs_smaller_patches():
+    """Also where patches longer than the waves are halved."""
+    tolerances = np.array([1e-3, 3e-3, 1e-2, 1.5e-2, 2e-2, 3e-2])
     for name in ("three", "chop", "forty"):
-        found = [jet_radius(SEAS[name], t, 0.87) for t in (1e-3, 3e-3, 1e-2, 1.5e-2, 2e-2, 3e-2)]
-        radii, kept = np.transpose(found)
+        radii, reached = np.transpose([jet_radius(SEAS[name], t, 0.87) for t in tolerances])
         assert (np.diff(radii) > 0.0).all()
-        assert (kept > 0.7 * np.array([1e-3, 3e-3, 1e-2, 1.5e-2, 2e-2, 3e-2])).all()
+        assert (reached > 0.7 * tolerances).all()

@@ -1,4 +1,4 @@
-"""Patches: sound, complete, smooth, robust."""
+"""Patches: the tolerance holds, forces are smooth, awkward triangles work."""
 
 import numpy as np
 import pytest
@@ -57,11 +57,11 @@ def forty_waves(steepness: float = 0.72) -> Sea:
 
 
 def largest_head_error(method: Patches, position, rotation, time: float) -> float:
-    """Largest error [m] of the heads at all vertices of all patches in the water, and how far [m]
-    above it one is taken to be below."""
-    places, heads = method.heads_at_vertices(position, rotation, time)
-    heads = np.where(np.isnan(heads), 0.0, heads)  # of patches that are taken to be out of reach
-    truth = method.sea.head(*places.T, time)
+    """Largest error [m] of the heads at the vertices of all patches. Where a vertex is dry, only a
+    positive head is an error."""
+    points, heads = method.heads_at_vertices(position, rotation, time)
+    heads = np.where(np.isnan(heads), 0.0, heads)  # patches that count as out of the water's reach
+    truth = method.sea.head(*points.T, time)
     return float(np.where(truth >= 0.0, np.abs(heads - truth), np.maximum(heads, 0.0)).max())
 
 
@@ -80,42 +80,42 @@ SEAS["forty waves"] = forty_waves()
 @pytest.mark.parametrize("pressure", [Sea.hydrostatic.fget, decaying], ids=["still", "decaying"])
 @pytest.mark.parametrize("sea", SEAS.values(), ids=SEAS.keys())
 @pytest.mark.parametrize("name", ["icosphere", "bunny"])
-def test_the_tolerance_is_a_promise(name, sea, pressure):
-    """Over poses anywhere in the sea the head inside every patch is right to the tolerance,
-    and so the wrench to the tolerance's pressure on the whole surface."""
+def test_the_tolerance_holds(name, sea, pressure):
+    """At any pose the head in every patch is within the tolerance. So the wrench is within the
+    tolerance's pressure on the whole surface."""
     sea = pressure(sea)
     hull = Hull.from_trimesh(meshes()[name])
     tolerance = 0.02 if sea.waves[0].wavelength < 1.0 else 0.004
     method = Patches(hull, sea, tolerance)
     area = np.linalg.norm(hull.area_vectors, axis=1).sum()
     implied = DENSITY * GRAVITY * tolerance * area
-    for i, (position, rotation, time) in enumerate(far_poses(8)):
+    for i, (position, rotation, time) in enumerate(far_poses(4)):
         assert largest_head_error(method, position, rotation, time) < tolerance
-        if i < 2:
+        if i == 0:
             wrench = method.wrench(position, rotation, time)
             truth = Reference(hull, sea, 1e-3).wrench(position, rotation, time)
             assert np.linalg.norm(wrench[:3] - truth[:3]) < implied
-            assert np.linalg.norm(wrench[3:] - truth[3:]) < implied  # the hulls are within 1 m
+            assert np.linalg.norm(wrench[3:] - truth[3:]) < implied  # with arms below 1 m
 
 
 @pytest.mark.parametrize("pressure", ["hydrostatic", "froude-krylov"])
 @pytest.mark.parametrize("name", ["forty waves", "10.0 hulls long, steepness 0.8"])
-def test_patches_that_the_water_leaves_out_are_dry_though_a_crest_could_reach_them(name, pressure):
+def test_skipped_patches_below_the_highest_crest_are_dry(name, pressure):
     sea = Sea(SEAS[name].waves, pressure=pressure)
     method = Patches(Hull.from_trimesh(meshes()["icosphere"]), sea, 1e-3)
-    left_out = 0
-    for _, rotation, time in far_poses(40):
+    skipped = 0
+    for _, rotation, time in far_poses(20):
         position = [0.0, 0.0, 0.3 * sea.amplitude]
-        places, heads = method.heads_at_vertices(position, rotation, time)
-        dry = np.isnan(heads) & (places[:, 2] < sea.amplitude)
-        left_out += dry.sum()
-        assert (sea.head(*places[dry].T, time) < 0.0).all()
-    assert left_out > 1000
+        points, heads = method.heads_at_vertices(position, rotation, time)
+        dry = np.isnan(heads) & (points[:, 2] < sea.amplitude)
+        skipped += dry.sum()
+        assert (sea.head(*points[dry].T, time) < 0.0).all()
+    assert skipped > 500
 
 
 @pytest.mark.parametrize("pressure", [Sea.hydrostatic.fget, decaying], ids=["still", "decaying"])
 @pytest.mark.parametrize("steepness", [0.2, 0.8])
-def test_the_promise_holds_for_waves_a_tenth_of_the_hull(steepness, pressure):
+def test_the_tolerance_holds_for_waves_of_a_tenth_of_the_hull(steepness, pressure):
     spindle = trimesh.creation.icosphere(subdivisions=2, radius=0.5)
     spindle.vertices *= [1.0, 0.15, 0.15]
     sea = pressure(crossing_waves(0.1, steepness))
@@ -124,8 +124,8 @@ def test_the_promise_holds_for_waves_a_tenth_of_the_hull(steepness, pressure):
         assert largest_head_error(method, *pose) < 0.04
 
 
-def test_the_promise_holds_where_a_short_wave_is_as_high_as_the_tolerance():
-    """Such a wave may be left out over a large patch, but not half of it over a smaller one."""
+def test_the_tolerance_holds_for_a_short_wave_as_high_as_the_tolerance():
+    """Such a wave may be ignored over a large patch, but not be halved over a smaller one."""
     sea = Sea([Wave(0.1, 13.0, 0.4), Wave(0.02, 0.4, 0.9, 1.0)])
     for name in ("torus", "icosphere"):
         for tolerance in (0.01, 0.025, 0.035, 0.05):
@@ -135,7 +135,7 @@ def test_the_promise_holds_where_a_short_wave_is_as_high_as_the_tolerance():
 
 
 @pytest.mark.parametrize("sea", [three_waves(), forty_waves()], ids=["three", "forty"])
-def test_fitted_jets_are_nearer_to_the_sea_than_taylor_s(sea):
+def test_fitted_jets_are_more_accurate_than_taylor_series(sea):
     radius = 0.2
     taylor, fitted = (
         jet_error(sea, waves, radius) for waves in (sea.components, fitted_waves(sea, radius))
@@ -143,23 +143,23 @@ def test_fitted_jets_are_nearer_to_the_sea_than_taylor_s(sea):
     assert fitted < 0.7 * taylor
 
 
-def test_jets_hold_at_other_places_than_those_that_they_were_tried_on(monkeypatch):
-    """The radius is found on samples; at four times as many other particles the error stays below
-    the tolerance too, to which the samples' own come no nearer than their margin."""
+def test_jets_hold_at_points_other_than_the_samples(monkeypatch):
+    """The radius comes from samples. At four times as many other particles the error stays below
+    the tolerance, because the samples have a margin."""
     sea, tolerance = Sea.jonswap(0.3, 3.0, seed=1), 0.004
     labels = np.random.default_rng(54).uniform(-1e4, 1e4, (8192, 2))
-    places = tuple(sea.particles(labels, 0.0).T[:2].copy())
+    points = tuple(sea.particles(labels, 0.0).T[:2].copy())
     for water, find_error in ((sea.hydrostatic, jet_error), (decaying(sea), head_jet_error)):
         radius, _ = jet_radius(water, tolerance, largest=1.0)
-        monkeypatch.setattr(fit, "sample_places", lambda _: places)
+        monkeypatch.setattr(fit, "sample_places", lambda _: points)
         error = find_error(water, jet_waves(water, radius), (1.0 + CENTRE_SHIFT_RADII) * radius)
         monkeypatch.undo()
         assert 0.5 * tolerance < error < tolerance
 
 
-def test_patches_are_no_larger_than_the_radius_allowed_and_round():
-    """Discs of their largest radius have together less than 2.4 times the area of a ball (hexagons
-    would have 1.2, halves of halves have 3)."""
+def test_patches_are_round_and_within_the_largest_radius():
+    """Discs of the largest radius have less than 2.4 times the area of the ball. (Hexagons would
+    have 1.2 times and repeated halves 3 times.)"""
     ball = Hull.from_trimesh(trimesh.creation.icosphere(subdivisions=4, radius=0.5))
     for radius in (0.4, 0.2):
         patches = build_tree(ball, radius, np.inf).patches
@@ -168,7 +168,7 @@ def test_patches_are_no_larger_than_the_radius_allowed_and_round():
 
 
 def far_poses(count: int):
-    """Poses anywhere within 50 m, at the surface, and within 100 s."""
+    """Poses within 50 m, near the surface, at times to 100 s."""
     rng = np.random.default_rng(42)
     for _ in range(count):
         position = rng.uniform(-50.0, 50.0, 3) * [1.0, 1.0, 0.004]
@@ -183,10 +183,9 @@ def plate(thickness: float = 0.01, halvings: int = 5) -> trimesh.Trimesh:
 
 
 def clipped_volume(hull: Hull, method: Patches, position, time: float) -> float:
-    """Volume [m^3] that the wet parts of a level hull's triangles lift, by clipping them one by one
-    with the heads that the patches have there."""
-    places, heads = method.heads_at_vertices(position, np.eye(3), time)
-    known = {tuple(np.round(p, 9)): h for p, h in zip(places, heads, strict=True)}
+    """Lifted volume [m^3] of a level hull, from clipping each triangle with the patches' heads."""
+    points, heads = method.heads_at_vertices(position, np.eye(3), time)
+    known = {tuple(np.round(p, 9)): h for p, h in zip(points, heads, strict=True)}
     vertices = hull.vertices + position
     at = np.array([known[tuple(np.round(v, 9))] for v in vertices])
     corners, wet = clip(vertices[hull.faces], at[hull.faces])
@@ -194,27 +193,26 @@ def clipped_volume(hull: Hull, method: Patches, position, time: float) -> float:
     return float(-(wet.mean(axis=1) @ area[:, 2]))
 
 
-def test_no_node_is_taken_for_wet_or_dry_that_is_not():
-    """Below a level plate crests and troughs meet the flat boxes of its nodes where the slope says
-    nothing. Clipping every triangle with the same heads, no node asked, gives the same force but
-    for what the cubic bends within a triangle."""
+def test_no_node_is_wrongly_taken_for_wet_or_dry():
+    """Crests and troughs meet the flat bounding boxes of a level plate's nodes. Clipping every
+    triangle with the same heads, without nodes, gives the same force up to the curvature of the
+    cubic within a triangle."""
     sea = crossing_waves(2.0, 0.2)
     hull = Hull.from_trimesh(plate())
     method = Patches(hull, sea, 0.05)
     edge = 2.0**-5 * np.sqrt(2.0)
     sag = np.abs(sea.surface(*sample_places(sea), 0.0).hessian).max() * edge**2 / 8.0
-    for position, _, time in random_poses(8, seed=52):
-        level = float(sea.elevation(position[0], position[1], time))
-        place = np.array([*position[:2], level])
-        lifted = method.wrench(place, np.eye(3), time)[2] / (DENSITY * GRAVITY)
-        expected = clipped_volume(hull, method, place, time)
-        near_the_waterline = 0.1  # of the plate's 1 m^2
-        assert abs(lifted - expected) < near_the_waterline * sag
+    for position, _, time in random_poses(4, seed=52):
+        position[2] = float(sea.elevation(position[0], position[1], time))
+        lifted = method.wrench(position, np.eye(3), time)[2] / (DENSITY * GRAVITY)
+        expected = clipped_volume(hull, method, position, time)
+        area_near_the_waterline = 0.1  # m^2, of 1 m^2
+        assert abs(lifted - expected) < area_near_the_waterline * sag
 
 
-def test_wrench_tends_to_the_reference_with_the_tolerance():
+def test_wrenches_converge_to_the_reference_with_the_tolerance():
     hull, sea = Hull.from_trimesh(load_mesh("bunny")), three_waves()
-    poses = random_poses(6, seed=43)
+    poses = random_poses(4, seed=43)
     truths = [Reference(hull, sea, 1e-8).wrench(*pose) for pose in poses]
     errors = []
     for tolerance in (1e-2, 1e-3, 1e-4):
@@ -226,11 +224,11 @@ def test_wrench_tends_to_the_reference_with_the_tolerance():
     assert errors[2] < errors[1] / 5.0
 
 
-def test_default_is_as_good_as_linear_on_the_bunny():
+def test_the_default_is_as_accurate_as_linear_on_the_bunny():
     hull, sea = Hull.from_trimesh(load_mesh("bunny")), three_waves()
     linear, patches = Linear(hull, sea), Patches(hull, sea)
     worst = {"linear": 0.0, "patches": 0.0}
-    for pose in random_poses(40, seed=44):
+    for pose in random_poses(20, seed=44):
         truth = Reference(hull, sea, 1e-7).wrench(*pose)
         for name, method in (("linear", linear), ("patches", patches)):
             error = relative_error(method.wrench(*pose), truth, hull)
@@ -238,9 +236,9 @@ def test_default_is_as_good_as_linear_on_the_bunny():
     assert worst["patches"] <= worst["linear"]
 
 
-def test_a_submerged_hull_is_right_to_the_cubic_s_error():
-    """Wholly wet, so from moments alone: in a long wave the cubic is nearly exact, and so must be
-    force and torque, whose integrals are of fourth and fifth order in the place."""
+def test_a_submerged_hull_has_only_the_error_of_the_cubic():
+    """The wrench of a fully submerged hull comes from moments alone. In a long wave the cubic is
+    nearly exact, so the force and the torque must be, too."""
     sea = Sea([Wave(0.3, 12.0, 0.4)])
     hull = Hull.from_trimesh(meshes()["torus"])
     method = Patches(hull, sea, 1e-5)
@@ -252,7 +250,7 @@ def test_a_submerged_hull_is_right_to_the_cubic_s_error():
 
 
 @pytest.mark.parametrize("name", ["icosphere", "torus", "bunny"])
-def test_flat_water_collapses_to_one_patch_and_is_exact(name):
+def test_flat_water_needs_one_patch_and_is_exact(name):
     mesh = meshes()[name]
     hull = Hull.from_trimesh(mesh)
     method = Patches(hull, Sea())
@@ -294,30 +292,30 @@ def test_dry_and_deep_hulls():
 
 @pytest.mark.parametrize("step", [1e-5, 1e-6])
 def test_forces_do_not_jump(step):
-    """Along slow sweeps of height and of angle neighbouring wrenches differ in proportion to the
-    step: no node that opens or closes leaves a jump of even 1e-8 of the whole."""
+    """Along slow sweeps of height and angle, wrenches change in proportion to the step. A node that
+    opens or closes must not cause a jump of even 1e-8 of the weight."""
     hull, sea = Hull.from_trimesh(load_mesh("bunny")), three_waves()
-    method = Patches(hull, sea, 0.02)  # large patches: jumps would be large
+    method = Patches(hull, sea, 0.02)  # jumps would be large with large patches
     scale = DENSITY * GRAVITY * hull.volume
     axis = np.array([0.6, 0.64, 0.48])
     for position, rotation, time in random_poses(3, seed=48):
         for sweep in ("height", "angle"):
             wrenches = []
             for s in step * np.arange(600):
-                turn = trimesh.transformations.rotation_matrix(s, axis)[:3, :3]
                 if sweep == "height":
                     wrenches.append(method.wrench(position + [0.0, 0.0, s], rotation, time))
                 else:
-                    wrenches.append(method.wrench(position, turn @ rotation, time))
+                    rotated = trimesh.transformations.rotation_matrix(s, axis)[:3, :3] @ rotation
+                    wrenches.append(method.wrench(position, rotated, time))
             differences = np.diff(wrenches, axis=0) / scale
             steady = np.median(differences, axis=0)
-            # kinks where vertices meet the water change the slope a little at a time
             jumps = np.abs(differences - steady).max()
-            assert jumps < 0.2 * step + 1e-11
+            kinks, round_off = 0.2 * step, 1e-11  # the slope changes where vertices meet the water
+            assert jumps < kinks + round_off
 
 
 def awkward(kind: str) -> trimesh.Trimesh:
-    """Boxes with slivers, with tiny triangles, and one whose faces line up with flat water."""
+    """Boxes with slivers, with tiny triangles, and with faces parallel to flat water."""
     mesh = CUBE.copy()
     if kind == "slivers":
         mesh = mesh.subdivide()
@@ -335,17 +333,18 @@ def test_awkward_triangles(kind):
     mesh = awkward(kind)
     hull = Hull.from_trimesh(mesh)
     size = np.ptp(hull.bounds[:, 2])
+    sliver_round_off = 1e-9  # corners of slivers are 1e-6 apart
     for height in (0.0, 0.5 * size, -0.5 * size, 0.25 * size):  # faces and vertices on the water
         found = Patches(hull, Sea()).wrench([0.0, 0.0, height], np.eye(3), 0.0)
         displaced = hull.volume * (0.5 - height / size)
         np.testing.assert_allclose(
             found / (DENSITY * GRAVITY * hull.volume),
             [0.0, 0.0, displaced / hull.volume, 0.0, 0.0, 0.0],
-            atol=1e-9,  # round-off of slivers: their corners are 1e-6 apart
+            atol=sliver_round_off,
         )
 
 
-def test_hulls_together_share_trees_and_get_what_each_gets_alone():
+def test_hulls_together_share_trees_and_have_the_wrenches_of_each_alone():
     sea = three_waves()
     ball = Hull.from_trimesh(meshes()["icosphere"])
     shared, other = Patches(ball, sea, 1e-3), Patches(Hull.from_trimesh(CUBE), sea, 1.5e-3)
@@ -357,19 +356,19 @@ def test_hulls_together_share_trees_and_get_what_each_gets_alone():
     methods, which = [shared, other, shared, other], [2, 0, 1, 2]
     ((kernel, block, places),) = parts_of(methods, which)
     kernel(block, places, positions, rotations, 0.6, out)
-    np.testing.assert_array_equal(out[4], 1.0)  # nobody's row
+    np.testing.assert_array_equal(out[4], 1.0)  # a row without a hull
     for row, method in enumerate(methods):
         alone = method.wrench(positions[which[row]], rotations[which[row]], 0.6)
         np.testing.assert_allclose(out[row], alone, rtol=1e-9)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan])
-def test_refuses_a_tolerance_that_cannot_be(tolerance):
+def test_an_impossible_tolerance_is_refused(tolerance):
     with pytest.raises(ValueError, match=r"tolerance is .*above 0"):
         Patches(Hull.from_trimesh(CUBE), Sea(), tolerance)
 
 
-def test_same_input_same_bits():
+def test_the_same_input_gives_the_same_bits():
     hull, sea = Hull.from_trimesh(load_mesh("bunny")), three_waves()
     pose = random_poses(1, seed=50)[0]
     first = Patches(hull, sea).wrench(*pose)
@@ -377,14 +376,14 @@ def test_same_input_same_bits():
 
 
 def test_ripples_far_below_the_tolerance_cost_no_triangles():
-    """Of a hundredth of the swell's length and 4 % of the tolerance: as many triangles as without
-    them, and a wrench that they change by no more than they are high."""
+    """Ripples of a hundredth of the swell's length and 4 % of the tolerance add no triangles, and
+    change the force by less than the tolerance's pressure."""
     hull, tolerance = Hull.from_trimesh(trimesh.creation.box(extents=(10.0, 2.0, 1.0))), 0.02
     swell, ripples = Wave(0.3, 10.0), [Wave(2e-4, 0.1, 0.4), Wave(2e-4, 0.13, -0.9)]
     smooth, rippled = (Patches(hull, Sea([swell, *more]), tolerance) for more in ([], ripples))
     triangles = [int((p.tree.leaves["triangles"] != 0).sum()) for p in (smooth, rippled)]
     assert triangles[1] <= 1.2 * triangles[0]
-    assert len(rippled.tree.patches) < 100  # of the size of the ripples it would be thousands
+    assert len(rippled.tree.patches) < 100  # patches as small as ripples would be thousands
     position, rotation = np.array([0.3, 0.1, 0.05]), random_rotation(np.random.default_rng(3))
     truth = Reference(hull, smooth.sea, 1e-4).wrench(position, rotation, 0.7)
     force = rippled.wrench(position, rotation, 0.7) - truth

@@ -1,4 +1,4 @@
-"""Floating bodies in MuJoCo against known answers: drafts, periods, resting tilts, energy."""
+"""Floating bodies in MuJoCo against known drafts, periods, resting tilts and energies."""
 
 import mujoco
 import numpy as np
@@ -24,7 +24,7 @@ def period(states: np.ndarray, timestep: float) -> float:
 
 
 def measured_period(bodies: str, name: str, start, coordinate, timestep: float) -> float:
-    """Period [s] of a body started at a qpos, in a coordinate of (qpos - equilibrium)."""
+    """Period [s] of a coordinate, a function of qpos that is 0 in equilibrium."""
     option = f'<option timestep="{timestep}" integrator="Euler"/>'
     scene = Scene.from_model(model(bodies, (name,), option=option))
     scene.data.qpos[:] = start
@@ -71,7 +71,7 @@ def test_periods_of_small_motions(case):
     assert errors[1] < 0.3 * errors[0]
 
 
-def test_draft_of_a_cube_of_half_the_waters_density():
+def test_a_cube_of_half_the_waters_density_floats_half_submerged():
     scene = Scene.from_model(
         model(
             CUBE.replace("<freejoint/>", '<joint type="free" damping="2000"/>'),
@@ -80,7 +80,7 @@ def test_draft_of_a_cube_of_half_the_waters_density():
     )
     scene.data.qpos[2] = 0.3
     *_, last = simulate(scene, 20.0)
-    assert last.positions[0, 2] == pytest.approx(0.0, abs=1e-9)  # half of it, 0.5 m, is under water
+    assert last.positions[0, 2] == pytest.approx(0.0, abs=1e-9)  # the draft is 0.5 m
     assert last.submerged_fractions[0] == pytest.approx(0.5, abs=1e-9)
 
 
@@ -95,19 +95,20 @@ BAR = """
     ("relative_density", "rest"), [(0.5, 45.0), (0.75, np.degrees(np.arctan(0.5))), (0.9, 0.0)]
 )
 def test_a_square_bar_settles_at_its_known_tilt(relative_density, rest):
-    """Stable tilts of a long square bar that may turn about one axis (Gilbert 1991)."""
+    """Stable tilts of a long square bar that rotates about one axis (Gilbert 1991)."""
     bar = BAR.format(relative_density * WATER)
     scene = Scene.from_model(model(bar, ("bar",), option='<option timestep="0.01"/>'))
     scene.data.qpos[:] = [0.5 - relative_density, np.radians(15.0)]
     *_, last = simulate(scene, 120.0, rate=1.0)
-    assert np.degrees(scene.data.qpos[1]) == pytest.approx(rest, abs=1e-3)
-    assert np.degrees(last.tilts[0]) == pytest.approx(rest, abs=1e-3)
+    still_rocking_deg = 1e-3
+    assert np.degrees(scene.data.qpos[1]) == pytest.approx(rest, abs=still_rocking_deg)
+    assert np.degrees(last.tilts[0]) == pytest.approx(rest, abs=still_rocking_deg)
     assert abs(scene.data.qvel).max() < 1e-5
 
 
-def test_energy_of_the_water_is_that_of_what_it_is_lifted_by():
-    """An upright box at a draught d has lifted the water by d / 2: rho g A d^2 / 2; a cube on an
-    edge that is just under holds that of a triangle, rho g A d^2 / 6 in all."""
+def test_the_energy_of_the_water_is_that_of_its_displaced_volume():
+    """An upright box at a draught d has lifted the water by d / 2, so the energy is
+    rho g A d^2 / 2. A cube with only an edge submerged displaces a triangle."""
     box = Scene.from_model(model(BOX, ("box",), option='<option timestep="0.002"/>'))
     weight = BOX_DENSITY * 0.8 * G
     for draught in (0.05, 0.24, 0.39):
@@ -118,7 +119,7 @@ def test_energy_of_the_water_is_that_of_what_it_is_lifted_by():
     bar = Scene.from_model(model(CUBE))
     bar.data.qpos[2:5] = [np.sqrt(0.5) - 0.3, np.cos(np.pi / 8), np.sin(np.pi / 8)]
     mujoco.mj_forward(bar.model, bar.data)
-    expected = 512.5 * G * bar.data.qpos[2] + WATER * G * 0.3**3 / 3.0  # width 2 d at a height d
+    expected = 512.5 * G * bar.data.qpos[2] + WATER * G * 0.3**3 / 3.0  # a width of 2 d at depth d
     assert potential_energy(bar) == pytest.approx(expected, rel=1e-9)
 
 
@@ -132,9 +133,9 @@ def energy_drift(integrator: str, timestep: float) -> float:
 
 
 @pytest.mark.parametrize(("integrator", "order"), [("RK4", 2.0), ("Euler", 0.8)])
-def test_flat_water_takes_no_energy_but_the_integrators(integrator, order):
-    """The drift falls with the timestep. The force has kinks where edges meet the water, which
-    keeps RK4 from its fourth order."""
+def test_flat_water_conserves_energy_up_to_the_integrators_error(integrator, order):
+    """The drift of energy falls with the timestep. RK4 does not reach its fourth order, because the
+    force has kinks where edges meet the water."""
     coarse, fine = energy_drift(integrator, 0.01), energy_drift(integrator, 0.0025)
     weight = BOX_DENSITY * 0.8 * G
     assert coarse < 0.05 * weight

@@ -1,4 +1,4 @@
-"""scripts/plot.py and the spectra that it draws."""
+"""scripts/plot.py and its spectra."""
 
 import numpy as np
 import pytest
@@ -10,17 +10,19 @@ from sim.runs.statistics import spectra
 SHORT = ("--duration", "6", "--quiet")
 
 
-def test_a_spectrum_has_the_variance_and_a_linear_answer_its_transfer_function():
-    times = np.arange(0.0, 2000.0, 0.2)
+def test_spectra_have_the_variance_and_the_transfer_function():
+    times = np.arange(0.0, 2000.0, 0.5)
     water = Sea.jonswap(1.0, 6.0, spread=0.0, waves=300).elevation(0.0, 0.0, times)
-    frequencies, (of_water, of_answer) = spectra(times, water, -0.4 * water + 7.0)
-    assert np.trapezoid(of_water, frequencies) == pytest.approx(water.var(), rel=0.05)
-    np.testing.assert_allclose(np.sqrt(of_answer[2:] / of_water[2:]), 0.4, rtol=1e-6)
-    assert frequencies[of_water.argmax()] == pytest.approx(1.0 / 6.0, rel=0.1)
+    frequencies, (input_spectrum, output_spectrum) = spectra(times, water, -0.4 * water + 7.0)
+    window, resolution = 0.05, 0.1  # relative
+    assert np.trapezoid(input_spectrum, frequencies) == pytest.approx(water.var(), rel=window)
+    ratios = output_spectrum[2:] / input_spectrum[2:]
+    np.testing.assert_allclose(np.sqrt(ratios), 0.4, rtol=1e-6)
+    assert frequencies[input_spectrum.argmax()] == pytest.approx(1.0 / 6.0, rel=resolution)
 
 
 @pytest.mark.parametrize("kind", ["parquet", "rrd"])
-def test_a_picture_is_drawn_of_a_series_and_of_a_recording(kind, tmp_path, capsys):
+def test_series_and_recordings_are_plotted(kind, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     path = tmp_path / f"trio.{kind}"
     option = "--record" if kind == "rrd" else "--series"
@@ -33,10 +35,10 @@ def test_a_picture_is_drawn_of_a_series_and_of_a_recording(kind, tmp_path, capsy
     assert capsys.readouterr().out.endswith("trio.png\n")
 
 
-def test_what_is_no_series_is_said_in_one_line(tmp_path, capsys):
+def test_other_files_are_refused_in_one_line(tmp_path, capsys):
     (tmp_path / "a.csv").write_text("time,x\n1,2\n")
     for name, message in (("a.csv", "is not a series of run.py"), ("b.csv", "there is no file")):
         assert status_of("plot.py", tmp_path / name) == 2
-        told = capsys.readouterr().err
-        assert message in told
-        assert told.count("\n") == 1
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1

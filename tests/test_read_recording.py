@@ -1,4 +1,4 @@
-"""scripts/read_recording.py: series read back are the samples'."""
+"""scripts/read_recording.py and the series that it reads."""
 
 from xml.sax.saxutils import quoteattr
 
@@ -12,7 +12,7 @@ from independent import MODELS
 from sim import Recorder, Scene, read_series, simulate
 
 
-def test_series_are_the_samples_and_go_into_arrays(tmp_path, capsys):
+def test_series_match_the_samples_and_are_written_as_arrays(tmp_path, capsys):
     path = tmp_path / "cube.rrd"
     scene, samples = Scene.load(MODELS / "cube.xml"), []
     with Recorder(path, scene) as recorder:
@@ -38,7 +38,7 @@ def test_series_are_the_samples_and_go_into_arrays(tmp_path, capsys):
     np.testing.assert_array_equal(arrays["tilt/cube"], np.stack(series["tilt/cube"]))
 
 
-def test_series_of_bodies_beyond_the_plots_are_read_too(tmp_path):
+def test_series_of_bodies_without_plots_are_read_too(tmp_path):
     names = tuple(f"cube{i}" for i in range(8))
     bodies = "".join(
         CUBE.replace('"cube"', f'"{name}"').replace("0 0 0", f"{2 * i} 0 {0.1 * i}")
@@ -59,7 +59,7 @@ def test_series_of_bodies_beyond_the_plots_are_read_too(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_recording_that_was_cut_off_anywhere_is_read_up_to_there(tmp_path):
+def test_a_cut_recording_is_read_up_to_the_cut(tmp_path):
     path = tmp_path / "cube.rrd"
     scene = Scene.load(MODELS / "cube.xml")
     with Recorder(path, scene) as recorder:
@@ -95,8 +95,8 @@ def test_a_recording_that_was_cut_off_anywhere_is_read_up_to_there(tmp_path):
 NAMES = ("deep sea", "a/b", "x.y-z", "Möwe", "船", "{u}", "tab\tbed", "back\\slash", "'quoted'")
 
 
-def test_bodies_come_back_by_the_names_that_they_have(tmp_path):
-    """Whatever is in them; and one without a name."""
+def test_bodies_keep_their_names(tmp_path):
+    """Names may have any characters, and one body has no name."""
     bodies = "".join(
         f'<body {f"name={quoteattr(name)}" if name else ""} pos="{3 * i} 0 0"><freejoint/>'
         f'<geom name="g{i}" type="box" size="0.5 0.5 0.5" density="500"/></body>'
@@ -114,7 +114,7 @@ def test_bodies_come_back_by_the_names_that_they_have(tmp_path):
         assert f"height/{name}/water" in series
 
 
-def test_a_file_that_is_no_recording_is_not_mended(tmp_path, capsys):
+def test_a_file_that_is_not_a_recording_is_not_repaired(tmp_path, capsys):
     path = tmp_path / "notes.txt"
     path.write_text("not a recording")
     assert read_recording.main([str(path), "--mend"]) == 2

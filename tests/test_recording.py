@@ -1,6 +1,8 @@
-"""Recordings, read back and held against the samples."""
+"""Recordings match the samples that they were made from."""
 
 import gc
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -29,16 +31,16 @@ from sim.runs.motions import motion
 from sim.runs.series import Series
 
 FLOAT32 = 1e-6
-"""Relative error of positions: Rerun keeps them in single precision."""
+"""Relative error of positions, which Rerun keeps in single precision."""
 
 
 def arrays(strips: list) -> list[np.ndarray]:
-    """Strips of different lengths, each (N, 3)."""
+    """Strips of different lengths as arrays (N, 3)."""
     return [np.array(strip) for strip in strips]
 
 
 def read(path, entity: str, component: str, convert=np.array) -> tuple[np.ndarray, list]:
-    """Times [s] and converted values of a component, in order of time; static data has no times."""
+    """Times [s] and converted values of a component, in order of time. Static data has time NaN."""
     rows = []
     for chunk in RrdReader(path).stream().filter(content=f"/{entity}"):
         batch = chunk.to_record_batch()
@@ -55,7 +57,7 @@ def read(path, entity: str, component: str, convert=np.array) -> tuple[np.ndarra
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """The trio for two seconds: scene, samples and the recording's path."""
+    """Two seconds of the trio: scene, samples and path of the recording."""
     path = tmp_path_factory.mktemp("recording") / "deep" / "trio.rrd"
     scene = Scene.load(MODELS / "trio.xml")
     samples = []
@@ -66,7 +68,7 @@ def run(tmp_path_factory):
     return scene, samples, path
 
 
-def test_time_series_are_the_samples(run):
+def test_time_series_match_the_samples(run):
     scene, samples, path = run
     weights = scene.model.body_mass[scene.buoyancy.bodies] * 9.81
     rest_heights = Scene.load(MODELS / "trio.xml").rest_heights
@@ -90,7 +92,7 @@ def test_time_series_are_the_samples(run):
             np.testing.assert_array_equal(np.ravel(scalars), np.array(values)[:, i])
 
 
-def test_bodies_are_where_the_samples_say(run):
+def test_bodies_have_the_poses_of_the_samples(run):
     scene, samples, path = run
     for i, body in enumerate(scene.buoyancy.body_names):
         entity = f"world/bodies/{body}"
@@ -103,7 +105,7 @@ def test_bodies_are_where_the_samples_say(run):
 
 
 def test_hulls_have_their_own_surface_and_outward_normals(run):
-    """In the body frame, and placed so that vertices land where MuJoCo's geoms have them."""
+    """The surface is in the hull's frame, and its transform places it in its body."""
     scene, _, path = run
     for f in scene.buoyancy.floats:
         entity = f"world/bodies/{f.name}/{f.name}"
@@ -113,19 +115,20 @@ def test_hulls_have_their_own_surface_and_outward_normals(run):
         hull = f.method.hull
         drawn = trimesh.Trimesh(vertices, faces)  # merges the corners of sharp edges
         assert drawn.is_watertight
-        assert drawn.volume == pytest.approx(hull.volume, rel=1e-4)  # vertices in single precision
+        single_precision = 1e-4
+        assert drawn.volume == pytest.approx(hull.volume, rel=single_precision)
         np.testing.assert_allclose(drawn.bounds, hull.bounds, atol=FLOAT32)
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=FLOAT32)
         flat = np.cross(*np.moveaxis(vertices[faces][:, 1:] - vertices[faces][:, :1], 1, 0))
         along = np.einsum("fi,fci->fc", flat, normals[faces])
         assert (along > 0.5 * np.linalg.norm(flat, axis=1)[:, None]).mean() > 0.99
-        _, (place,) = read(path, entity, "Transform3D:translation")
+        _, (translation,) = read(path, entity, "Transform3D:translation")
         body = scene.model.body(f.body)
-        np.testing.assert_allclose(np.ravel(place), body.ipos, atol=FLOAT32)
+        np.testing.assert_allclose(np.ravel(translation), body.ipos, atol=FLOAT32)
 
 
-def test_water_is_made_of_the_particles_of_the_surface_that_pushes(run):
-    """On the surface, around the bodies, and moving as particles do: with the water's velocity."""
+def test_the_drawn_water_consists_of_surface_particles(run):
+    """The drawn points are on the surface, around the bodies, and move with the water."""
     scene, samples, path = run
     _, frames = read(path, "world/water", "Mesh3D:vertex_positions")
     assert len(frames) == len(samples)
@@ -138,7 +141,7 @@ def test_water_is_made_of_the_particles_of_the_surface_that_pushes(run):
         assert (sample.centres[:, :2] < high - 1.0).all()
     for before, after, s, t in zip(frames, frames[1:], samples, samples[1:], strict=False):
         step = (after - before) / (t.time - s.time)
-        if np.abs(step[:, :2]).max() < 2.0:  # else the grid went on by a cell
+        if np.abs(step[:, :2]).max() < 2.0:  # otherwise the grid has moved by a cell
             middle = 0.5 * (before + after)
             velocity = sea.surface(*middle[:, :2].T, 0.5 * (s.time + t.time)).velocity
             midpoint_rule = 0.02  # m/s, at 30 Hz
@@ -147,7 +150,7 @@ def test_water_is_made_of_the_particles_of_the_surface_that_pushes(run):
     assert moved > 0.8 * len(samples)
 
 
-def test_waterline_is_on_the_sea_and_on_the_drawn_hulls(run):
+def test_the_waterline_is_on_the_sea_and_on_the_hulls(run):
     scene, samples, path = run
     _, frames = read(path, "world/waterline", "LineStrips3D:strips", arrays)
     assert len(frames) == len(samples)
@@ -163,7 +166,7 @@ def test_waterline_is_on_the_sea_and_on_the_drawn_hulls(run):
                 in_cube = from_cube @ rotation_matrix(sample.quaternions[b])
                 np.testing.assert_allclose(np.abs(in_cube).max(axis=1), 0.5, atol=2 * FLOAT32)
                 around_the_cube += len(strip)
-    assert around_the_cube > 40 * 30  # 12 edges along a side, for half the frames
+    assert around_the_cube > 40 * 30  # four sides of about 10 points in half of the frames
 
 
 def test_wet_vertices_are_darker_than_dry_ones(run):
@@ -182,12 +185,12 @@ def test_wet_vertices_are_darker_than_dry_ones(run):
         assert (red[head < -0.06] > 230).all()
 
 
-def test_camera_follows_the_bodies_and_trails_lie_behind_them(run):
+def test_the_camera_and_trails_follow_the_bodies(run):
     _, samples, path = run
     _, focus = read(path, "world/focus", "Transform3D:translation")
-    for place, sample in zip(focus, samples, strict=True):
+    for position, sample in zip(focus, samples, strict=True):
         expected = [*sample.centres[:, :2].mean(axis=0), 0.0]
-        np.testing.assert_allclose(np.ravel(place), expected, atol=FLOAT32)
+        np.testing.assert_allclose(np.ravel(position), expected, atol=FLOAT32)
     _, trails = read(path, "world/trail", "LineStrips3D:strips", arrays)
     for i, trail in enumerate(trails):
         for body, strip in enumerate(trail):
@@ -195,7 +198,7 @@ def test_camera_follows_the_bodies_and_trails_lie_behind_them(run):
             np.testing.assert_allclose(strip, centres, atol=FLOAT32)
 
 
-def test_overview_tells_the_scene_and_at_the_end_the_means(run):
+def test_the_overview_describes_the_scene_and_at_the_end_the_means(run):
     scene, samples, path = run
     _, texts = read(path, "overview", "TextDocument:text")
     before, after = (str(text[0]) for text in texts)
@@ -208,33 +211,32 @@ def test_overview_tells_the_scene_and_at_the_end_the_means(run):
     assert f"| dragon | {tally.bodies()['dragon']['mean_height']:.3f} |" in after
 
 
-def test_overview_of_other_seas():
+def test_the_overview_describes_other_seas():
     assert sea_in_words(Sea()) == "still water"
     many = Sea([Wave(0.01, length) for length in np.linspace(2.0, 9.0, 8)])
     assert sea_in_words(many).startswith("8 waves of 2 to 9 m, significant height 0.08 m")
 
 
-def test_frames_come_at_the_recording_rate_and_the_water_has_its_size(tmp_path):
+def test_frames_have_the_recording_rate_and_water_its_size(tmp_path):
     scene, path = Scene.load(MODELS / "cube.xml"), tmp_path / "cube.rrd"
     scene.data.time = 7.0
     with Recorder(path, scene, rate=10.0, water_size=4.0, water_resolution=9) as recorder:
         for sample in simulate(scene, 1.0, rate=30.0):
             recorder.log(sample)
     times, frames = read(path, "world/water", "Mesh3D:vertex_positions")
-    np.testing.assert_allclose(
-        times, 7.0 + np.arange(11) / 10.0, atol=0.002
-    )  # one step of the scene
+    one_step = 0.002
+    np.testing.assert_allclose(times, 7.0 + np.arange(11) / 10.0, atol=one_step)
     sea, side = scene.buoyancy.sea, np.linspace(-2.0, 2.0, 9)
     labels = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
     for time, points in zip(times, frames, strict=True):
-        # the particles of a grid of labels, which goes on by whole cells of half a metre
+        # The particles of a grid of labels, which moves by whole cells of half a metre.
         low = np.round(2.0 * (points[:, :2].min(axis=0) + 2.0)) / 2.0
         grids = [
             sea.particles(labels + low + np.array([i, j]) / 2, time)
             for i in (-1, 0, 1)
             for j in (-1, 0, 1)
         ]
-        assert min(np.abs(points - grid).max() for grid in grids) < 1e-5
+        assert min(np.abs(points - grid).max() for grid in grids) < 10 * FLOAT32
 
 
 @pytest.mark.parametrize(
@@ -245,14 +247,14 @@ def test_frames_come_at_the_recording_rate_and_the_water_has_its_size(tmp_path):
         (dict(water_resolution=1), "resolution is 1 vertices"),
     ],
 )
-def test_numbers_that_cannot_be_are_refused(numbers, message, tmp_path):
+def test_impossible_numbers_are_refused(numbers, message, tmp_path):
     with pytest.raises(ValueError, match=message):
         Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"), **numbers)
     assert not list(tmp_path.iterdir())
 
 
 def balls(count: int) -> Scene:
-    """So many balls of 642 vertices, half under water and out of one another's reach."""
+    """A scene with separate balls of 642 vertices, half submerged."""
     names = tuple(f"ball{i}" for i in range(count))
     bodies = "".join(
         f'<body name="{name}" pos="{2 * i} 0 0"><freejoint/>'
@@ -263,7 +265,7 @@ def balls(count: int) -> Scene:
 
 
 @pytest.mark.parametrize(("count", "is_shaded"), [(8, True), (32, False)])
-def test_of_many_bodies_only_the_first_are_plotted_and_very_many_are_not_shaded(
+def test_only_the_first_of_many_bodies_are_plotted_and_shading_stops_at_very_many(
     count, is_shaded, tmp_path
 ):
     scene, path = balls(count), tmp_path / "many.rrd"
@@ -273,7 +275,7 @@ def test_of_many_bodies_only_the_first_are_plotted_and_very_many_are_not_shaded(
     _, colours = read(path, "world/bodies/ball0/ball0", "Mesh3D:vertex_colors")
     assert len(colours) == (4 if is_shaded else 0)
     _, (albedo,) = read(path, "world/bodies/ball0/ball0", "Mesh3D:albedo_factor")
-    assert albedo.item() == (0xFFFFFFFF if is_shaded else 0x808080FF)  # MuJoCo's own grey
+    assert albedo.item() == (0xFFFFFFFF if is_shaded else 0x808080FF)  # MuJoCo's default grey
     _, waterline = read(path, "world/waterline", "LineStrips3D:strips", arrays)
     assert len(waterline[0]) == count
     _, trails = read(path, "world/trail", "LineStrips3D:strips", arrays)
@@ -288,33 +290,37 @@ def test_of_many_bodies_only_the_first_are_plotted_and_very_many_are_not_shaded(
     assert np.shape(rows) == (4, count - 6)
 
 
-class Pushed(Method):
-    """A method from outside: it lifts the hull by its whole volume."""
+class WholeVolume(Method):
+    """A method from outside that lifts the hull by its whole volume."""
 
     def wrench(self, position, rotation, time):
         lift = self.sea.density * self.sea.gravity * self.hull.volume
         return np.array([0.0, 0.0, lift, 0.0, 0.0, 0.0])
 
 
-class Tolerant(Pushed):
+class Tolerant(WholeVolume):
     tolerance = 0.25
 
 
 @pytest.mark.parametrize(
-    ("method", "said"),
-    [(Pushed, "1 m³, pushed\n"), (Tolerant, "1 m³, tolerant to 0.25 m of water height\n")],
-    ids=["without a tolerance", "with one"],
+    ("method", "text"),
+    [
+        (WholeVolume, "1 m³, wholevolume\n"),
+        (Tolerant, "1 m³, tolerant to 0.25 m of water height\n"),
+    ],
+    ids=["without a tolerance", "with a tolerance"],
 )
-def test_methods_from_outside_are_recorded(method, said, tmp_path, monkeypatch):
+def test_methods_from_outside_are_recorded(method, text, tmp_path, monkeypatch):
     monkeypatch.setitem(METHODS, "own", method)
-    scene, path = afloat(load=dict(settings={"buoyancy_method": "own"})), tmp_path / "a.rrd"
+    scene = afloat(load={"settings": {"buoyancy_method": "own"}})
+    path = tmp_path / "a.rrd"
     with Recorder(path, scene) as recorder:
         for sample in simulate(scene, 0.1):
             recorder.log(sample)
-    assert said in read(path, "overview", "TextDocument:text")[1][-1][0]
+    assert text in read(path, "overview", "TextDocument:text")[1][-1][0]
 
 
-def test_the_rest_of_a_scene_is_searched_for_once(tmp_path, monkeypatch):
+def test_the_rest_of_a_scene_is_computed_once(tmp_path, monkeypatch):
     scene, searches = Scene.load(MODELS / "cube.xml"), []
 
     def search(*arguments, **options):
@@ -333,8 +339,8 @@ def test_the_rest_of_a_scene_is_searched_for_once(tmp_path, monkeypatch):
 
 
 def test_many_waterlines_are_thinned_and_stay_closed():
-    turn = np.linspace(0.0, 1.0, 101)
-    long = np.column_stack([turn, turn * (1.0 - turn), 0.0 * turn])
+    share = np.linspace(0.0, 1.0, 101)
+    long = np.column_stack([share, share * (1.0 - share), 0.0 * share])
     long[-1] = long[0]
     short = np.concatenate([long[:14], long[:1]])
     assert thinned([short], 40)[0] is short
@@ -343,29 +349,30 @@ def test_many_waterlines_are_thinned_and_stay_closed():
     np.testing.assert_array_equal(second, short)
 
 
-def test_viewing_without_a_screen_says_so_and_leaves_nothing(tmp_path, monkeypatch):
+def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+        return probe.getsockname()[1]
+
+
+def test_viewing_without_a_screen_is_refused_and_leaves_no_file(tmp_path, monkeypatch):
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    scene = Scene.load(MODELS / "cube.xml")
     with pytest.raises(OSError, match="there is no screen for the viewer"):
-        Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"), view=True, port=port)
+        Recorder(tmp_path / "a.rrd", scene, view=True, port=free_port())
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_viewer_that_is_open_is_sent_the_run(tmp_path):
-    """Rerun itself listens as a viewer does, and writes what it gets to a file instead."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    path = tmp_path / "arrived.rrd"
+def test_an_open_viewer_receives_the_run(tmp_path):
+    """Rerun itself listens in place of the viewer and writes the data to a file."""
+    port, path = free_port(), tmp_path / "arrived.rrd"
     listener = subprocess.Popen(
         [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
         + ["--save", str(path)],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
     try:
         wait_until(lambda: listens(port))
@@ -376,7 +383,7 @@ def test_a_viewer_that_is_open_is_sent_the_run(tmp_path):
                 samples.append(sample)
         wait_until(lambda: path.is_file() and "mean of" in last_overview(path))
     finally:
-        listener.kill()
+        os.killpg(listener.pid, signal.SIGKILL)  # also the viewer that Python has started
         listener.wait()
     _, heights = read(path, "plots/height/cube", "Scalars:scalars")
     np.testing.assert_array_equal(np.ravel(heights), [s.centres[0, 2] for s in samples])
@@ -389,10 +396,10 @@ def listens(port: int) -> bool:
 
 
 def last_overview(path) -> str:
-    """Empty while there is none."""
+    """The last text of the overview; empty if there is none yet."""
     try:
         _, texts = read(path, "overview", "TextDocument:text")
-    except RuntimeError:  # the file has only begun
+    except RuntimeError:  # the file is incomplete
         return ""
     return str(texts[-1]) if texts else ""
 
@@ -412,11 +419,11 @@ def test_sharp_edges_are_drawn_sharp_and_smooth_ones_smooth():
     ball = trimesh.creation.icosphere(subdivisions=3)
     vertex, faces, normals = shaded_corners(np.array(ball.vertices), np.array(ball.faces))
     np.testing.assert_array_equal(vertex[faces], ball.faces)
-    facets = 0.02  # of about 8 degrees
+    facets = 0.02  # facets of about 8 degrees
     np.testing.assert_allclose(normals, ball.vertices[vertex], atol=facets)
 
 
-def test_twins_of_grey_bodies_have_colours_of_their_own():
+def test_twins_of_grey_bodies_have_different_colours():
     grey = np.array([0.5, 0.5, 0.5, 1.0])
     assert with_hue_shifted(grey, 0.0) is grey
     red, blue = (np.array([*rgb, 0.3]) for rgb in ((1.0, 0.2, 0.2), (0.2, 0.2, 1.0)))
@@ -439,25 +446,33 @@ def test_arrows_are_forces_at_the_centres_of_mass(run):
         np.testing.assert_allclose(up, expected, atol=10 * FLOAT32)
 
 
-def test_blueprint_is_inside_the_file(run):
+def test_the_blueprint_is_in_the_file(run):
     *_, path = run
     assert len(RrdReader(path).blueprints()) == 1
 
 
-def test_recording_is_readable_when_the_run_fails_half_way(tmp_path):
+def test_a_recording_is_readable_after_the_run_fails(tmp_path):
     scene, path = Scene.load(MODELS / "cube.xml"), tmp_path / "cut.rrd"
+
+    def record() -> None:
+        with Recorder(path, scene) as recorder:
+            for sample in simulate(scene, 10.0):
+                recorder.log(sample)
+                if sample.time > 0.499:
+                    raise KeyboardInterrupt
+
     with pytest.raises(KeyboardInterrupt):
-        _record_and_fail(path, scene)
+        record()
     times, heights = read(path, "plots/height/cube", "Scalars:scalars")
     assert times[-1] == pytest.approx(0.5, abs=ROUND_OFF * 1e3)
     assert len(heights) == 16
 
 
-@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # nor does a killed run's
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # as after a killed run
 @pytest.mark.parametrize(("frame_seconds", "most_lost"), [(0.001, 30), (0.1, 7), (5.0, 0)])
 def test_a_killed_run_loses_less_than_a_second(tmp_path, frame_seconds, most_lost):
-    """What is on the disk after every frame is what SIGKILL would leave there. No more is missing
-    than is younger than a second, simulated and by a clock that we turn by hand."""
+    """After each frame, the file on the disk is the file that SIGKILL would leave. It lacks at most
+    the last second of simulated time and of a clock that the test sets."""
     time = [100.0]
     scene, path, lost = Scene.load(MODELS / "cube.xml"), tmp_path / "cut.rrd", []
     output = Output(path, "cut", side_by_side_blueprint({"cut": scene}))
@@ -472,46 +487,38 @@ def test_a_killed_run_loses_less_than_a_second(tmp_path, frame_seconds, most_los
 
 
 class DeadStream:
-    """A recording stream whose writer has died: whoever lets go of it waits for ever."""
+    """A recording stream whose writer has died. Freeing or disconnecting it would wait forever."""
 
-    let_go: list[int] = []  # noqa: RUF012
+    freed: list[int] = []  # noqa: RUF012
 
     def __init__(self, name: str) -> None:
-        self.log = self.send_columns = self.set_sinks = lambda *what, **options: None
+        self.log = self.send_columns = self.set_sinks = lambda *arguments, **options: None
         self.set_log_time_enabled = self.set_log_tick_enabled = self.send_recording_name = self.log
 
     def flush(self, timeout_sec: float) -> None:
         raise RuntimeError("Flush timed out")
 
     def disconnect(self) -> None:
-        pytest.fail("this waits for the dead writer")
+        pytest.fail("disconnect waits for the dead writer")
 
     def __del__(self) -> None:
-        self.let_go.append(1)
+        self.freed.append(1)
 
 
 def test_nothing_waits_for_a_writer_that_has_died(tmp_path, monkeypatch):
-    """Neither the end of the recorder nor the garbage collector nor Rerun at the exit."""
+    """The recorder, the garbage collector and Rerun's exit handler do not wait."""
     unregistered = []
     monkeypatch.setattr("rerun.RecordingStream", DeadStream)
     monkeypatch.setattr("atexit.unregister", unregistered.append)
     with pytest.raises(OSError, match=r"a\.rrd: the recording cannot be written \(Flush timed out"):
         Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"))
     gc.collect()
-    assert DeadStream.let_go == []
+    assert DeadStream.freed == []
     assert unregistered == [rr.rerun_shutdown]
-    assert not (tmp_path / "a.rrd").exists()  # nothing had been written
+    assert not (tmp_path / "a.rrd").exists()  # an empty recording is removed
 
 
-def _record_and_fail(path, scene) -> None:
-    with Recorder(path, scene) as recorder:
-        for sample in simulate(scene, 10.0):
-            recorder.log(sample)
-            if sample.time > 0.499:
-                raise KeyboardInterrupt
-
-
-def test_a_path_that_cannot_be_written_is_refused_at_once(tmp_path):
+def test_an_unwritable_path_is_refused_at_once(tmp_path):
     scene = Scene.load(MODELS / "cube.xml")
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match="file"):
@@ -520,7 +527,7 @@ def test_a_path_that_cannot_be_written_is_refused_at_once(tmp_path):
         Recorder(tmp_path, scene)
 
 
-def test_names_with_blanks_and_slashes_stay_one_body(tmp_path):
+def test_names_with_spaces_and_slashes_are_one_body(tmp_path):
     scene = Scene.from_model(model(CUBE.replace('body name="cube"', 'body name="my cube/1"')))
     path = tmp_path / "names.rrd"
     with Recorder(path, scene) as recorder:
@@ -530,11 +537,11 @@ def test_names_with_blanks_and_slashes_stay_one_body(tmp_path):
     assert r"/world/bodies/my\ cube\/1" in entities
 
 
-def test_geoms_without_a_name_and_united_ones_are_recorded(tmp_path):
-    """Two boxes that overlap and one apart, none with a name, by their body in the tuple."""
+def test_unnamed_and_united_geoms_are_recorded(tmp_path):
+    """The tuple names the body of two overlapping boxes and a separate one, all unnamed."""
     boxes = "".join(
-        f'<geom type="box" size="0.5 0.2 0.2" pos="{place}" density="300" rgba="0.8 0.2 0.2 1"/>'
-        for place in ("0 0 0", "0.4 0.1 0", "0 3 0")
+        f'<geom type="box" size="0.5 0.2 0.2" pos="{position}" density="300" rgba="0.8 0.2 0.2 1"/>'
+        for position in ("0 0 0", "0.4 0.1 0", "0 3 0")
     )
     listed = '<custom><tuple name="buoyant"><element objtype="body" objname="b"/></tuple></custom>'
     bodies = f'<body name="b"><freejoint/>{boxes}</body>'
@@ -548,7 +555,8 @@ def test_geoms_without_a_name_and_united_ones_are_recorded(tmp_path):
 
 
 def test_hulls_may_be_coloured_by_the_pressure(tmp_path):
-    """Grey where they are dry, else the redder the higher the head; the overview has a legend."""
+    """Dry vertices are grey, and wet ones are redder with a higher head. The overview has a
+    legend."""
     scene, path = Scene.load(MODELS / "cube.xml"), tmp_path / "p.rrd"
     artist = Artist(scene, DisplayMeshes(scene.buoyancy), None, 8, "pressure")
     *_, sample = simulate(scene, 3.0)

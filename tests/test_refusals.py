@@ -1,9 +1,12 @@
-"""Refusals: whatever is wrong with a scene or a command line, one line says so, and the exit status
-is 2. The tables are made from the descriptions of custom fields, options and command lines, so what
-is new there is tried here without a word."""
+"""Refusals: any fault of a scene or a command line gives one line and exit status 2.
+
+The cases come from the descriptions of custom fields, options and command lines, so new ones are
+tested without a change here.
+"""
 
 import argparse
 import runpy
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -21,41 +24,42 @@ SCRIPTS.remove("labels.py")
 FIELDS = {name.replace("<name>", "swell"): field for name, field in NUMERICS.items()}
 
 
-def usual(number: Number) -> float:
+def valid_value(number: Number) -> float:
     return 1.0 if number.allows(1.0) else number.least
 
 
 def bad_values(number: Number) -> list[float]:
-    """Values that a number cannot have."""
-    outside = [np.nextafter(number.least, -np.inf), np.nextafter(number.most, np.inf), 1e300]
-    found = [np.nan, np.inf, -np.inf, *outside]
-    found += [number.least] * number.is_above + [usual(number) + 0.5] * number.is_whole
+    """Values that are not allowed for a number."""
+    found = [np.nan, np.inf]
+    found += [np.nextafter(number.least, -np.inf), np.nextafter(number.most, np.inf)]
+    found += [number.least] * number.is_above + [valid_value(number) + 0.5] * number.is_whole
     assert not any(number.allows(value) for value in found)
     return found
 
 
 def bad_numerics() -> list[tuple[str, list[float]]]:
-    """Names and numbers of custom numerics that are wrong in one way each."""
+    """Names and numbers of custom numerics with one fault each."""
     cases = []
     for base, kind in FIELDS.items():
         counts = [n for n in (0, 1, 2, 3, 5, 7, 8, 37) if n not in kind.allowed_counts and n > 0]
         for name in (base, f"{base}_cube") if kind.per_geom else (base,):
-            cases += [(name, [usual(kind.numbers[0])] * count) for count in counts]
-            filled = list(kind.numbers) * (kind.allowed_counts[-1] // len(kind.numbers))
-            for i, number in enumerate(filled[: max(len(kind.numbers), 2)]):
+            cases += [(name, [valid_value(kind.numbers[0])] * count) for count in counts]
+            full_row = list(kind.numbers) * (kind.allowed_counts[-1] // len(kind.numbers))
+            for i, number in enumerate(full_row[: max(len(kind.numbers), 2)]):
                 for value in bad_values(number):
-                    values = [usual(other) for other in filled]
+                    values = [valid_value(other) for other in full_row]
                     values[i] = value
                     cases.append((name, values))
         if not kind.per_geom:
             cases.append((f"{base}_x" if base in NUMERICS else "wave", [1.0]))
         else:
-            cases.append((f"{base}_nobody", [usual(kind.numbers[0])] * kind.allowed_counts[0]))
+            values = [valid_value(kind.numbers[0])] * kind.allowed_counts[0]
+            cases.append((f"{base}_nobody", values))
     return cases
 
 
 def bad_custom() -> dict[str, str]:
-    """Elements of a scene's <custom>, each of which has to be refused."""
+    """Elements of a scene's <custom>, each of which must be refused."""
     found = {
         f"{name} {' '.join(f'{v:g}' for v in values[:7])}":
         f'<numeric name="{name}" data="{" ".join(repr(float(v)) for v in values)}"/>'
@@ -71,7 +75,7 @@ def bad_custom() -> dict[str, str]:
 
 
 def bad_options() -> dict[str, str]:
-    """Options of MuJoCo's with a number that is not finite."""
+    """MuJoCo's options with a number that is not finite."""
     option = mujoco.MjModel.from_xml_string("<mujoco/>").opt
     found = {}
     for name in sorted(n for n in dir(option) if not n.startswith("_")):
@@ -83,42 +87,47 @@ def bad_options() -> dict[str, str]:
     return found
 
 
-def refused(status: int, told: str) -> bool:
-    return status == 2 and told.count("\n") == 1 and told.endswith("\n")
+def is_refusal(status: int, printed: str) -> bool:
+    return status == 2 and printed.count("\n") == 1 and printed.endswith("\n")
 
 
-def test_every_bad_custom_field_is_one_line(tmp_path, capfd):
-    """Some hundreds, each in a scene that is else right."""
-    scene, others = tmp_path / "s.xml", {}
-    cases = bad_custom()
-    assert len(cases) > 300
-    for case, element in cases.items():
+def not_refused(scenes: dict[str, str], path: Path, capfd) -> str:
+    """The scenes, by their cases, that run.py does not refuse in one line."""
+    found = []
+    for case, text in scenes.items():
+        path.write_text(text)
+        status = status_of("run.py", path, "--no-record", "--duration", "0.01")
+        printed = capfd.readouterr().err
+        if not is_refusal(status, printed):
+            found.append(f"{case}: {status} {printed}")
+    return "\n".join(found)
+
+
+def test_the_scene_of_the_refusals_is_valid(tmp_path, capfd):
+    scene = tmp_path / "s.xml"
+    scene.write_text(xml(CUBE))
+    assert status_of("run.py", scene, "--no-record", "--duration", "0.01", "--quiet") == 0
+    assert capfd.readouterr().err == ""
+
+
+def test_every_bad_custom_field_is_refused_in_one_line(tmp_path, capfd):
+    density, scenes = '<numeric name="water_density" data="1025"/>', {}
+    for case, element in bad_custom().items():
         text = xml(custom=element)
-        if 'name="water_density"' in element:
-            text = text.replace('<numeric name="water_density" data="1025"/>', "", 1)
-        scene.write_text(text)
-        status = status_of("run.py", scene, "--no-record", "--duration", "0.01")
-        told = capfd.readouterr().err
-        if not refused(status, told):
-            others[case] = (status, told)
-    assert not others, "\n".join(f"{k}: {v}" for k, v in others.items())
+        is_double = 'name="water_density"' in element
+        scenes[case] = text.replace(density, "", 1) if is_double else text
+    assert len(scenes) > 300
+    assert not_refused(scenes, tmp_path / "s.xml", capfd) == ""
 
 
-def test_every_option_that_is_not_finite_is_one_line(tmp_path, capfd):
-    scene, others = tmp_path / "s.xml", {}
-    cases = bad_options()
-    assert len(cases) > 20
-    for case, element in cases.items():
-        scene.write_text(xml(option=element))
-        status = status_of("run.py", scene, "--no-record", "--duration", "0.01")
-        told = capfd.readouterr().err
-        if not refused(status, told):
-            others[case] = (status, told)
-    assert not others, "\n".join(f"{k}: {v}" for k, v in others.items())
+def test_every_option_that_is_not_finite_is_refused_in_one_line(tmp_path, capfd):
+    scenes = {case: xml(option=element) for case, element in bad_options().items()}
+    assert len(scenes) > 20
+    assert not_refused(scenes, tmp_path / "s.xml", capfd) == ""
 
 
 class CapturedError(Exception):
-    """Carries a script's parser out of its main."""
+    """An exception that carries a script's parser out of its main."""
 
 
 def parser_of(script: str, monkeypatch) -> argparse.ArgumentParser:
@@ -133,7 +142,7 @@ def parser_of(script: str, monkeypatch) -> argparse.ArgumentParser:
 
 
 def bad_arguments(parser: argparse.ArgumentParser, folder) -> list[list[str]]:
-    """Command lines that are wrong in one way each."""
+    """Command lines with one fault each."""
     required = [str(MODELS / "cube.xml") for a in parser._actions if not a.option_strings]
     cases = [["--no-such-option"], [*required, "--no-such-option"]]
     if not any(action.nargs in ("+", "*") for action in parser._actions):
@@ -158,26 +167,19 @@ def bad_arguments(parser: argparse.ArgumentParser, folder) -> list[list[str]]:
         for word in words:
             cases.append([*required, *option, word] if option else [word])
         if option and action.nargs is None:
-            cases.append([*required, *option])  # nothing behind it
+            cases.append([*required, *option])  # without a value
     return cases
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
-def test_every_bad_command_line_is_one_line(script, tmp_path, monkeypatch, capfd):
+def test_every_bad_command_line_is_refused_in_one_line(script, tmp_path, monkeypatch, capfd):
     parser = parser_of(script, monkeypatch)
     monkeypatch.chdir(tmp_path)
-    others = {}
+    accepted = {}
     for arguments in bad_arguments(parser, tmp_path):
         status = status_of(script, *arguments)
-        told = capfd.readouterr().err
-        if not refused(status, told):
-            others[" ".join(arguments)[-200:]] = (status, told[-300:])
-    assert not others, "\n".join(f"{k}: {v}" for k, v in others.items())
+        printed = capfd.readouterr().err
+        if not is_refusal(status, printed):
+            accepted[" ".join(arguments)[-200:]] = (status, printed[-300:])
+    assert accepted == {}
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_scene_that_the_tables_spoil_is_right(tmp_path, capfd):
-    scene = tmp_path / "s.xml"
-    scene.write_text(xml(CUBE))
-    assert status_of("run.py", scene, "--no-record", "--duration", "0.01", "--quiet") == 0
-    assert capfd.readouterr().err == ""

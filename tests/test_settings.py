@@ -1,4 +1,4 @@
-"""Settings that override a scene's fields, and seas from files and from Python."""
+"""Settings that override a scene's fields, and seas from files and Python."""
 
 import warnings
 from dataclasses import astuple
@@ -19,7 +19,7 @@ def sea_with(*settings: str, custom: str = WAVES) -> Sea:
     return afloat(custom=custom, load=dict(settings=settings)).buoyancy.sea
 
 
-def test_settings_override_numbers_parts_of_them_and_texts():
+def test_settings_override_rows_single_numbers_and_texts():
     assert sea_with("wave_swell=0.2 8 0 90").waves[0] == Wave(0.2, 8.0, 0.0, np.pi / 2.0)
     swell = sea_with("wave_swell.amplitude=0.05", "wave_swell.phase=90").waves[0]
     assert swell == Wave(0.05, 4.0, 0.0, np.pi / 2.0)
@@ -44,7 +44,7 @@ def test_settings_are_strings_or_a_mapping():
 
 
 def test_a_sea_from_python_replaces_the_water_of_the_file():
-    """To the round-off of angles in degrees."""
+    """The waves are equal to the round-off of angles in degrees."""
     sea = Sea.jonswap(0.3, 3.0, heading=0.3, seed=5, density=1000.0, current=(0.5, 0.1, 0.0),
                       ramp=2.0, tide=[(0.0, 0.1), (5.0, 0.4)], pressure="hydrostatic")  # fmt: skip
     found = afloat(custom=WAVES, load=dict(sea=sea)).buoyancy.sea
@@ -64,7 +64,7 @@ def test_a_tolerance_may_belong_to_one_geom():
     assert [f.method.tolerance for f in scene.buoyancy.floats] == [1e-2, 2e-3]
 
 
-def test_a_seed_is_that_of_the_irregular_sea():
+def test_seed_belongs_to_the_irregular_sea():
     expected = Sea.jonswap(0.3, 3.0, 3.3, np.radians(10.0), seed=7).waves
     assert sea_with("seed=7", custom=JONSWAP).waves == expected
     assert sea_with("sea_jonswap.seed=7", custom=JONSWAP).waves == expected
@@ -88,7 +88,7 @@ def test_a_seed_is_that_of_the_irregular_sea():
         ("buoyancy_method=magic", "'magic' is not a method"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(setting, message):
+def test_impossible_settings_are_refused(setting, message):
     with pytest.raises(ModelError) as caught:
         sea_with(setting)
     assert message in str(caught.value)
@@ -110,8 +110,8 @@ def test_the_command_line_has_settings_keyframes_and_seeds(tmp_path, capsys):
     assert "there is no keyframe 'up'; the scene has 'low', 'high'" in capsys.readouterr().err
 
 
-def test_arguments_that_override_a_scene_go_by_name():
-    """Else a number would be taken for another one: the third was once the tolerance."""
+def test_arguments_that_override_a_scene_are_keywords():
+    """Positional numbers would be mistaken for each other."""
     with pytest.raises(TypeError):
         Scene.load(MODELS / "cube.xml", "cube")
     with pytest.raises(TypeError):
@@ -122,7 +122,7 @@ def test_arguments_that_override_a_scene_go_by_name():
         Scene.load(MODELS / "cube.xml", methd="patches")
 
 
-def test_geoms_may_have_other_densities(tmp_path, capsys):
+def test_densities_of_geoms_may_be_overridden(tmp_path, capsys):
     path = tmp_path / "s.xml"
     path.write_text(xml(CUBE))
     assert Scene.load(path, densities={"cube": 100.0}).model.body_mass[1] == pytest.approx(100.0)
@@ -138,40 +138,44 @@ def test_geoms_may_have_other_densities(tmp_path, capsys):
     assert "has an <inertial> of its own" in capsys.readouterr().err
 
 
+BANDS = 0.01
+"""Relative error of m2 from waves at the middles of bands."""
+
+
 def moments(waves) -> tuple[float, float, float]:
-    """m0, m2 and m4 of waves by their frequencies."""
+    """Spectral moments m0, m2 and m4 of waves."""
     energy = 0.5 * np.array([w.amplitude for w in waves]) ** 2
     omega = np.sqrt(9.81 * np.array([w.wavenumber for w in waves]))
     return tuple(float(energy @ omega**n) for n in (0, 2, 4))
 
 
-def test_moments_of_bretschneiders_spectrum_are_the_closed_ones():
-    """m0 = H^2 / 16; the mean period by m2 is Tp times (4 / 5 / pi)^(1/4) ..., 0.7104."""
+def test_moments_of_bretschneiders_spectrum_match_the_closed_form():
+    """m0 = H^2 / 16, and the mean upcrossing period is 0.7104 Tp."""
     m0, m2, _ = moments(bretschneider(2.0, 10.0).waves(waves=4000))
     assert m0 == pytest.approx(0.25, rel=1e-9)
     upcrossing = 2.0 * np.pi * np.sqrt(m0 / m2)
     expected = 10.0 * (5.0 / (4.0 * np.pi)) ** 0.25 * 0.8944  # (4/5)^(1/2)
     assert expected == pytest.approx(7.104, abs=0.01)
-    assert upcrossing == pytest.approx(expected, rel=0.01)  # bands end at their middles
+    assert upcrossing == pytest.approx(expected, rel=BANDS)
 
 
-def test_pierson_and_moskowitz_sea_has_the_wind_s_height_and_period():
-    """At 19.5 m up 10 m/s: 2.13 m and 7.3 s."""
+def test_a_pierson_moskowitz_sea_has_the_height_and_period_of_its_wind():
+    """A wind of 10 m/s at a height of 19.5 m gives 2.13 m and 7.3 s."""
     waves = pierson_moskowitz(0.2092 * 100.0 / 9.81).waves(waves=2000)
     m0, m2, _ = moments(waves)
     assert 4.0 * np.sqrt(m0) == pytest.approx(2.1325, rel=1e-3)
-    assert 2.0 * np.pi * np.sqrt(m0 / m2) == pytest.approx(0.7104 * 7.304, rel=0.01)
+    assert 2.0 * np.pi * np.sqrt(m0 / m2) == pytest.approx(0.7104 * 7.304, rel=BANDS)
 
 
-def test_a_sea_with_two_peaks_is_the_sum_of_them():
+def test_a_sea_with_two_peaks_is_the_sum_of_two_seas():
     both = ochi_hubble(0.5, 14.0, 4.0, 1.0, 6.0, 1.0).waves(waves=2000)
     m0, m2, _ = moments(both)
     assert 4.0 * np.sqrt(m0) == pytest.approx(np.hypot(0.5, 1.0), rel=1e-9)
     wind = moments(ochi_hubble(1e-6, 14.0, 4.0, 1.0, 6.0, 1.0).waves(waves=2000))
     swell = moments(ochi_hubble(0.5, 14.0, 4.0, 1e-6, 6.0, 1.0).waves(waves=2000))
-    assert m2 == pytest.approx(wind[1] + swell[1], rel=0.02)  # bands end at their middles
+    assert m2 == pytest.approx(wind[1] + swell[1], rel=2 * BANDS)
     plain = moments(bretschneider(1.0, 6.0).waves(waves=2000))
-    np.testing.assert_allclose(wind[:2], plain[:2], rtol=0.01)  # a sharpness of 1
+    np.testing.assert_allclose(wind[:2], plain[:2], rtol=BANDS)  # equal at a sharpness of 1
     periods = 2.0 * np.pi / np.sqrt(9.81 * np.array([w.wavenumber for w in both]))
     near = [np.count_nonzero(np.abs(periods / p - 1.0) < 0.05) for p in (14.0, 9.0, 6.0)]
     assert near[0] > near[1] < near[2]
@@ -183,7 +187,7 @@ def scene_with(folder, custom: str):
     return path
 
 
-def test_components_lie_in_a_file_beside_the_scene(tmp_path):
+def test_components_are_read_from_a_file_beside_the_scene(tmp_path):
     table = "heading [deg], Amplitude (m), period [s]\n90, 0.1, 2.0\n0, 0.05, 3.0\n"
     (tmp_path / "sea.csv").write_text(table)
     path = scene_with(tmp_path, '<text name="sea_components" data="sea.csv"/>')
@@ -195,24 +199,24 @@ def test_components_lie_in_a_file_beside_the_scene(tmp_path):
     assert tmp_path / "sea.csv" in model_files(path)
 
 
-@pytest.mark.parametrize("place", [(0.0, 0.0), (3.0, -2.0)])
-def test_a_sea_gives_back_the_record_that_it_was_made_of(place, tmp_path):
-    """Of a wind sea, steep enough for particles to move a good part of a wave's length."""
+@pytest.mark.parametrize("position", [(0.0, 0.0), (3.0, -2.0)])
+def test_a_sea_from_a_record_reproduces_the_record(position, tmp_path):
+    """A wind sea, in which orbits are not small compared to the wavelengths."""
     truth = Sea.jonswap(0.5, 4.0, spread=0.0, heading=0.4, waves=60, seed=3)
     times = np.arange(0.0, 300.0, 0.2)
-    record = truth.elevation(*place, times)
+    record = truth.elevation(*position, times)
     rows = "\n".join(f"{t:.3f},{e:.6f}" for t, e in zip(times, record, strict=True))
     (tmp_path / "record.csv").write_text("time [s],elevation [m]\n" + rows)
-    x, y = place
+    x, y = position
     path = scene_with(
         tmp_path,
         '<text name="sea_record" data="record.csv"/>'
         f'<numeric name="sea_record" data="22.918312 1 60 {x} {y}"/>',
     )
     sea = Scene.load(path, settings=["buoyancy_method=linear"]).buoyancy.sea
-    found = sea.elevation(*place, times)
-    missed = (found - found.mean()) - (record - record.mean())
-    assert np.sqrt(np.mean(missed**2)) < 0.02 * record.std()
+    found = sea.elevation(*position, times)
+    error = (found - found.mean()) - (record - record.mean())
+    assert np.sqrt(np.mean(error**2)) < 0.02 * record.std()
     assert {round(w.heading, 6) for w in sea.waves} == {0.4}
 
 
@@ -231,18 +235,18 @@ def test_a_sea_gives_back_the_record_that_it_was_made_of(place, tmp_path):
         ("sea_record", "time,height\n0,1\n1,2\n", "expected a header with names"),
     ],
 )
-def test_files_that_cannot_be_followed_are_refused(name, text, message, tmp_path, capsys):
+def test_impossible_files_are_refused(name, text, message, tmp_path, capsys):
     if text is not None:
         (tmp_path / "sea.csv").write_text(text)
     path = scene_with(tmp_path, f'<text name="{name}" data="sea.csv"/>')
     assert status_of("run.py", path, "--no-record", "--duration", "0.1") == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
 
 
-def test_notes_look_at_the_keyframe_that_is_asked_for(tmp_path):
-    """The cubes of one keyframe overlap, those of the other do not."""
+def test_notes_refer_to_the_chosen_keyframe(tmp_path):
+    """The cubes overlap in one keyframe and not in the other."""
     keys = '<keyframe><key name="apart" qpos="0 0 0 1 0 0 0 3 0 0 1 0 0 0"/>'
     keys += '<key name="within" qpos="0 0 0 1 0 0 0 .3 0 0 1 0 0 0"/></keyframe>'
     other = CUBE.replace('"cube"', '"other"')
@@ -250,8 +254,8 @@ def test_notes_look_at_the_keyframe_that_is_asked_for(tmp_path):
     path.write_text(xml(CUBE + other, ("cube", "other"), extra=keys))
     overlaps = {}
     for keyframe in (None, "within"):
-        with warnings.catch_warnings(record=True) as said:
+        with warnings.catch_warnings(record=True) as notes:
             warnings.simplefilter("always")
             Scene.load(path, keyframe=keyframe)
-        overlaps[keyframe] = any("hulls overlap" in str(w.message) for w in said)
+        overlaps[keyframe] = any("hulls overlap" in str(w.message) for w in notes)
     assert overlaps == {None: False, "within": True}

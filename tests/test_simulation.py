@@ -1,4 +1,4 @@
-"""Stepping: samples, their instants, divergence, interleaving; and scenes."""
+"""Simulation and scenes: samples, their instants, divergence, interleaved runs, loading."""
 
 from functools import partial
 
@@ -18,13 +18,13 @@ def cube_scene(**changes) -> Scene:
     return Scene.from_model(model(custom=WAVES, **changes))
 
 
-def test_samples_come_at_the_rate_with_the_first_before_the_first_step():
+def test_samples_have_the_rate_and_start_before_the_first_step():
     samples = list(simulate(cube_scene(), duration=1.0, rate=20.0))
     np.testing.assert_allclose([s.time for s in samples], np.arange(21) * 0.05, atol=1e-12)
     assert [s.step for s in samples] == list(range(0, 201, 10))
 
 
-def test_a_rate_that_does_not_divide_the_timestep_samples_at_the_next_step():
+def test_samples_between_steps_are_taken_at_the_next_step():
     samples = list(simulate(cube_scene(), duration=1.0, rate=30.0))
     due = np.arange(31) / 30.0
     late = np.array([s.time for s in samples]) - due
@@ -32,12 +32,12 @@ def test_a_rate_that_does_not_divide_the_timestep_samples_at_the_next_step():
     assert ((late > -1e-9) & (late < 0.005)).all()
 
 
-def test_a_rate_above_the_timesteps_samples_every_step():
+def test_the_highest_rate_is_every_step():
     assert [s.step for s in simulate(cube_scene(), 0.05, rate=1e6)] == list(range(11))
 
 
 def test_a_sample_belongs_to_its_own_instant():
-    """Pose, wrench and elevation fit together: each is computed again from the others."""
+    """Pose, wrench and elevation are consistent."""
     scene = cube_scene()
     *_, sample = simulate(scene, 0.7, rate=10.0)
     sea, method = scene.buoyancy.sea, scene.buoyancy.floats[0].method
@@ -57,8 +57,8 @@ def test_a_sample_belongs_to_its_own_instant():
     assert abs(still[2] / wrench[2] - 1.0) > 0.01  # the volume, not the force
 
 
-def test_a_look_in_a_loop_of_ones_own_is_at_the_present_instant():
-    """MuJoCo leaves the kinematics one step behind; who observes need not know."""
+def test_observe_in_a_users_loop_is_at_the_present_instant():
+    """MuJoCo leaves the kinematics one step behind, and `observe` updates them."""
     scene = cube_scene()
     mujoco.mj_step(scene.model, scene.data, nstep=50)
     sample = observe(scene)
@@ -66,7 +66,7 @@ def test_a_look_in_a_loop_of_ones_own_is_at_the_present_instant():
     assert sample.time == pytest.approx(0.25)
 
 
-def test_looking_does_not_change_the_run():
+def test_sampling_does_not_change_the_run():
     ends = []
     for rate in (1.0, 200.0):
         scene = cube_scene()
@@ -92,11 +92,10 @@ def test_shipped_scenes_start_dry_and_come_to_float(name):
     assert (first.submerged_fractions < 0.01).all()
     settled = samples[len(samples) // 2 :]
     fractions = np.mean([s.submerged_fractions for s in settled], axis=0)
-    # densities are 500 kg/m^3 in 1025: that part of the volume is under water on average
-    np.testing.assert_allclose(fractions, 500.0 / 1025.0, rtol=0.1)
+    np.testing.assert_allclose(fractions, 500.0 / 1025.0, rtol=0.1)  # the relative density
 
 
-def test_simulations_may_be_interleaved_and_models_compiled_in_between():
+def test_simulations_may_be_interleaved_with_each_other_and_with_compiling():
     def run(scene):
         return [s.centres.copy() for s in simulate(scene, 0.5, 20.0)]
 
@@ -111,7 +110,7 @@ def test_simulations_may_be_interleaved_and_models_compiled_in_between():
         np.testing.assert_array_equal(single, b)
 
 
-def test_simulate_can_be_left_early_and_taken_up_again():
+def test_simulate_can_be_left_early_and_resumed():
     scene = cube_scene()
     for sample in simulate(scene, 10.0):
         if sample.time > 0.2:
@@ -123,7 +122,7 @@ def test_simulate_can_be_left_early_and_taken_up_again():
 
 @pytest.fixture
 def quiet_mujoco(tmp_path, monkeypatch):
-    """MuJoCo writes its warnings to a log file in the current folder."""
+    """MuJoCo writes its log file to the current folder."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -147,7 +146,7 @@ def test_divergence_names_body_time_and_remedy(kind, what):
 
 
 @pytest.mark.usefixtures("quiet_mujoco")
-def test_a_force_that_is_not_a_number_is_caught_as_divergence():
+def test_a_nan_force_is_divergence():
     scene = cube_scene()
     samples = simulate(scene, 1.0, rate=100.0)
     next(samples)
@@ -160,7 +159,7 @@ def test_a_force_that_is_not_a_number_is_caught_as_divergence():
     ("arguments", "message"),
     [((0.0,), "duration is 0"), ((np.nan,), "duration is nan"), ((1.0, -1.0), "rate is -1")],
 )
-def test_durations_and_rates_that_cannot_be_are_refused_at_the_call(arguments, message):
+def test_impossible_durations_and_rates_are_refused_at_the_call(arguments, message):
     with pytest.raises(ValueError, match=message):
         simulate(cube_scene(), *arguments)
 
@@ -193,13 +192,13 @@ def test_load_starts_at_the_first_keyframe():
     assert scene.name == "trio"
 
 
-def test_timestep_overrules_the_models():
+def test_a_timestep_overrides_the_models():
     assert Scene.load(MODELS / "cube.xml", timestep=0.001).model.opt.timestep == 0.001
     with pytest.raises(ValueError, match=r"timestep is 0.0 s.*above 0"):
         Scene.load(MODELS / "cube.xml", timestep=0.0)
 
 
-def test_load_says_which_file_is_at_fault(tmp_path):
+def test_load_names_the_faulty_file(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"no scene file .*nowhere\.xml"):
         Scene.load(tmp_path / "nowhere.xml")
     broken = tmp_path / "broken.xml"
@@ -212,8 +211,8 @@ def test_load_says_which_file_is_at_fault(tmp_path):
         Scene.load(empty)
 
 
-def test_simulate_refuses_a_model_whose_water_it_could_not_show():
-    """Samples and recordings have the sea and the hulls of the time when the scene was made."""
+def test_simulate_refuses_a_model_with_changed_water():
+    """Samples and recordings use the sea and the hulls from when the scene was made."""
     scene = cube_scene()
     scene.model.body_mass[1] *= 1.1
     simulate(scene, 1.0)
@@ -225,8 +224,8 @@ def test_simulate_refuses_a_model_whose_water_it_could_not_show():
         simulate(scene, 1.0)
 
 
-def test_the_submerged_volume_is_that_in_the_sea_under_another_gravity():
-    """Whose waves are slower: as in a scene that is written under it."""
+def test_the_submerged_volume_follows_a_change_of_gravity():
+    """Waves are slower under lower gravity. A changed model is like one written with it."""
     changed = cube_scene()
     changed.model.opt.gravity[2] = -1.62
     written = cube_scene(option='<option timestep="0.005" gravity="0 0 -1.62"/>')
@@ -249,7 +248,7 @@ def test_a_keyframe_that_is_not_finite_is_refused(what):
         Scene.from_model(compiled)
 
 
-def test_a_time_that_is_not_finite_is_a_divergence_with_its_cause():
+def test_a_time_that_is_not_finite_is_divergence():
     scene = Scene.from_model(model(custom=WAVES))
     scene.data.time = np.nan
     mujoco.mj_forward(scene.model, scene.data)
@@ -262,14 +261,14 @@ def test_a_time_that_is_not_finite_is_a_divergence_with_its_cause():
         list(run)
 
 
-def test_a_run_of_more_steps_than_anyone_waits_for_is_refused():
+def test_a_run_of_too_many_steps_is_refused():
     scene = afloat(load=dict(timestep=1e-12))
     with pytest.raises(ValueError, match=r"10 s are 1e\+13 steps of 1e-12 s, more than 1e\+09"):
         simulate(scene, 10.0)
 
 
 @pytest.mark.parametrize("pressure", ["froude-krylov", "hydrostatic"])
-def test_a_sample_computes_the_push_once(pressure, monkeypatch):
+def test_a_sample_computes_the_wrenches_once(pressure, monkeypatch):
     drag = '<numeric name="drag" data="0.2 1 0.005"/>'
     scene, pushes = (
         afloat(custom=WAVES + drag, load=dict(settings={"water_pressure": pressure})),

@@ -1,7 +1,7 @@
-"""scripts/snapshot.py as a user meets it: its pictures, its refusals, and what it leaves running.
+"""scripts/snapshot.py: its pictures, its refusals, and the viewers that it starts.
 
-Where there is no graphics driver there is no picture, and the tests of pictures hold the script
-to saying so. pillow and psutil come with rerun-sdk.
+Without a graphics driver there is no picture, and the tests require the script to report that.
+pillow and psutil come with rerun-sdk.
 """
 
 import importlib.util
@@ -16,12 +16,12 @@ import pytest
 import rerun as rr
 from PIL import Image
 
-from independent import MODELS, REPOSITORY, hear_ctrl_c
+from independent import MODELS, REPOSITORY, receive_ctrl_c
 from sim import Recorder, Scene, simulate
 
 SCRIPT = REPOSITORY / "scripts" / "snapshot.py"
 SIZE = (480, 270)
-"""Width and height [pixels] of the pictures: small, for they are drawn in software."""
+"""Width and height [pixels] of the pictures, which are small because software draws them."""
 
 NO_DRIVER = "apt-get install mesa-vulkan-drivers"
 
@@ -43,32 +43,32 @@ def recording(tmp_path_factory):
 
 @pytest.fixture
 def take(recording, capsys):
-    """Runs the script on the recording: exit status, stdout and stderr."""
+    """A function that runs the script on the recording: exit status, stdout and stderr."""
 
     def run(*arguments, path=recording):
         try:
             status = snapshot.main([str(a) for a in (path, *arguments)])
-        except SystemExit as end:  # of a command line that cannot be read
+        except SystemExit as end:  # from the parser
             status = end.code
         return status, *capsys.readouterr()
 
     return run
 
 
-def refused(result, message: str) -> bool:
+def is_refusal(result, message: str) -> bool:
     """Whether a run ended with status 2 and one line that contains the message."""
     status, out, err = result
     return (status, out) == (2, "") and message in err and err.count("\n") == 1
 
 
-def test_pictures_show_the_time_that_is_asked_for(take, tmp_path):
+def test_pictures_show_the_given_time(take, tmp_path):
     shots = {}
     for name, time_s in {"start": 0.0, "again": 0.0, "end": 0.5}.items():
         shots[name] = tmp_path / "new" / f"{name}.png"
         size = ("--width", SIZE[0], "--height", SIZE[1])
         result = take("--time", time_s, "--output", shots[name], *size)
         if result[0]:
-            assert refused(result, NO_DRIVER)
+            assert is_refusal(result, NO_DRIVER)
             return
         assert result[1].endswith(f" at {time_s:.3f} s\n")
     assert shots["start"].read_bytes() == shots["again"].read_bytes()
@@ -101,13 +101,13 @@ def test_unusable_input_gives_one_line_and_status_2(case, take, tmp_path, monkey
     (tmp_path / "text.txt").write_text("not a folder")
     if "--output" not in arguments:
         arguments = [*arguments, "--output", "a.png"]
-    assert refused(take(*arguments), message)
+    assert is_refusal(take(*arguments), message)
     assert [p.name for p in tmp_path.iterdir()] == ["text.txt"]
 
 
-def test_files_that_are_no_recording_are_refused(take, recording, tmp_path):
-    assert refused(take(path=tmp_path / "none.rrd"), "there is no recording file")
-    assert refused(take(path=tmp_path), "there is no recording file")
+def test_other_files_are_refused(take, recording, tmp_path):
+    assert is_refusal(take(path=tmp_path / "none.rrd"), "there is no recording file")
+    assert is_refusal(take(path=tmp_path), "there is no recording file")
     for name, content in {
         "empty": b"",
         "text": b"hello",
@@ -115,20 +115,20 @@ def test_files_that_are_no_recording_are_refused(take, recording, tmp_path):
     }.items():
         path = tmp_path / f"{name}.rrd"
         path.write_bytes(content)
-        assert refused(take(path=path), f"{name}.rrd is not a readable recording")
+        assert is_refusal(take(path=path), f"{name}.rrd is not a readable recording")
     path = tmp_path / "foreign.rrd"
     with rr.RecordingStream("foreign") as stream:
         stream.save(path)
         stream.log("point", rr.Points3D([[0.0, 0.0, 0.0]]))
         stream.disconnect()
-    assert refused(take(path=path), "has no data on the timeline 'time'")
+    assert is_refusal(take(path=path), "has no data on the timeline 'time'")
 
 
-def test_without_a_driver_it_says_what_to_install(take, monkeypatch, tmp_path):
+def test_a_missing_driver_is_reported_with_the_remedy(take, monkeypatch, tmp_path):
     monkeypatch.setenv("WGPU_BACKEND", "vulkan")
     for variable in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):
         monkeypatch.setenv(variable, str(tmp_path / "none.json"))
-    assert refused(take("--output", tmp_path / "a.png"), NO_DRIVER)
+    assert is_refusal(take("--output", tmp_path / "a.png"), NO_DRIVER)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -136,10 +136,10 @@ def test_without_a_driver_it_says_what_to_install(take, monkeypatch, tmp_path):
 def test_no_viewer_outlives_the_script(number, recording, tmp_path):
     command = [sys.executable, SCRIPT, recording, "--output", tmp_path / "a.png"]
     with subprocess.Popen(
-        command, stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c
+        command, stderr=subprocess.PIPE, text=True, preexec_fn=receive_ctrl_c
     ) as script:
         viewers = []
-        while len(viewers) < 2 and script.poll() is None:  # the command and the viewer proper
+        while len(viewers) < 2 and script.poll() is None:  # the command and its viewer
             time.sleep(0.01)
             viewers = psutil.Process(script.pid).children(recursive=True)
         script.send_signal(number)

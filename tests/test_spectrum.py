@@ -1,4 +1,4 @@
-"""The JONSWAP spectrum and seas that have its energy."""
+"""The JONSWAP spectrum and seas with its energy."""
 
 import numpy as np
 import pytest
@@ -12,11 +12,11 @@ HEIGHT, PERIOD = 0.5, 4.0
 OMEGA = np.linspace(0.3, 40.0, 200_001) * 2.0 * np.pi / PERIOD
 
 QUADRATURE = 1e-4
-"""Relative error of sums over a table of frequencies, ends included."""
+"""Relative error of sums over a table of frequencies, including its ends."""
 
 
 def density(omega, gamma: float) -> np.ndarray:
-    """JONSWAP's variance density [m^2 s] as DNV-RP-C205 has it, but for its factor, at PERIOD."""
+    """The variance density of JONSWAP at PERIOD as in DNV-RP-C205, without its constant factor."""
     x = np.asarray(omega) * PERIOD / (2.0 * np.pi)
     width = np.where(x <= 1.0, 0.07, 0.09)
     return x**-5.0 * np.exp(-1.25 * x**-4.0) * gamma ** np.exp(-0.5 * ((x - 1.0) / width) ** 2)
@@ -29,7 +29,7 @@ def frequencies_of(gamma: float, count: int) -> np.ndarray:
 @pytest.mark.parametrize("gamma", [1.0, 3.3, 7.0])
 @pytest.mark.parametrize("count", [1, 7, 40])
 def test_each_wave_stands_for_a_band_of_equal_energy(count, gamma):
-    """Below the i-th frequency lie (i + 1/2) / N of the energy."""
+    """A share (i + 1/2) / N of the energy is below the i-th frequency."""
     total = np.trapezoid(density(OMEGA, gamma), OMEGA)
     for i, omega in enumerate(frequencies_of(gamma, count)):
         below = np.linspace(1e-3, omega, 100_001)
@@ -37,15 +37,15 @@ def test_each_wave_stands_for_a_band_of_equal_energy(count, gamma):
         assert share == pytest.approx((i + 0.5) / count, abs=QUADRATURE)
 
 
-def test_without_enhancement_bands_are_pierson_and_moskowitzs_in_closed_form():
-    """Their energy below x peak frequencies is exp(-5/4 x^-4) of the whole."""
+def test_without_enhancement_bands_match_pierson_and_moskowitz():
+    """The share of energy below x peak frequencies is exp(-5/4 x^-4)."""
     shares = (np.arange(40) + 0.5) / 40
     expected = 2.0 * np.pi / PERIOD * (-0.8 * np.log(shares)) ** -0.25
     found = frequencies_of(1.0, 40)
     np.testing.assert_allclose(found, expected, rtol=QUADRATURE)
 
 
-def test_waves_crowd_at_the_peak_the_more_it_is_enhanced():
+def test_enhancement_concentrates_waves_at_the_peak():
     peak = 2.0 * np.pi / PERIOD
     near = [
         np.count_nonzero(np.abs(frequencies_of(gamma, 400) / peak - 1.0) < 0.05)
@@ -55,7 +55,7 @@ def test_waves_crowd_at_the_peak_the_more_it_is_enhanced():
     assert near[2] > 2 * near[0]
 
 
-def test_energy_of_a_sea_is_the_spectrums():
+def test_the_energy_of_a_sea_matches_the_spectrum():
     sea = Sea.jonswap(HEIGHT, PERIOD)
     m0 = sum(0.5 * wave.amplitude**2 for wave in sea.waves)
     assert m0 == pytest.approx(HEIGHT**2 / 16.0, rel=ROUND_OFF)
@@ -64,44 +64,44 @@ def test_energy_of_a_sea_is_the_spectrums():
     np.testing.assert_allclose(np.sort(omega), frequencies_of(3.3, 40), rtol=1e-4)
 
 
-def test_long_and_short_waves_come_from_all_sides_alike():
-    """Which wave has which heading is drawn: it does not go with the length."""
+def test_headings_do_not_depend_on_wavelength():
+    """Headings are drawn at random and do not depend on the wavelength."""
     for seed in range(4):
         waves = Sea.jonswap(HEIGHT, PERIOD, seed=seed).waves
         order = np.argsort([w.wavelength for w in waves])
         correlation = np.corrcoef(np.arange(40), np.array([w.heading for w in waves])[order])[0, 1]
-        assert abs(correlation) < 0.5  # of forty that are drawn; one in a thousand is above
+        assert abs(correlation) < 0.5  # one in a thousand draws of forty is above
 
 
-def test_significant_height_of_a_long_record():
-    """Four standard deviations of the elevation over an hour at places far apart; what is
-    left is the scatter of a finite record."""
+def test_the_significant_height_of_a_long_record():
+    """Four standard deviations of the elevation over an hour at distant points."""
     sea = Sea.jonswap(HEIGHT, 6.0, seed=4)
     x = 1000.0 * np.arange(20.0)
     record = np.stack([sea.elevation(x, 0.0, time) for time in np.arange(0.0, 3600.0, 2.7)])
-    # Crests are sharper than troughs, so between the particles the mean lies below the level.
+    # Crests are sharper than troughs, so the mean elevation is below the level of the particles.
     assert abs(record.mean()) < 0.05 * HEIGHT
-    assert 4.0 * record.std() == pytest.approx(HEIGHT, rel=0.03)
+    finite_record = 0.03
+    assert 4.0 * record.std() == pytest.approx(HEIGHT, rel=finite_record)
 
 
 @pytest.mark.parametrize("waves", [20, 40])
-def test_record_does_not_repeat_early(waves):
-    """The elevation's autocorrelation, sum of a^2 cos(omega tau), once it has decayed stays away
-    from 1 for an hour: such a record never looks like what has been."""
+def test_records_do_not_repeat_early(waves):
+    """Once it has decayed, the autocorrelation of the elevation, the mean of cos(omega tau), stays
+    away from 1 for an hour."""
     sea = Sea.jonswap(HEIGHT, PERIOD, waves=waves)
     omega = np.sqrt(9.81 * np.array([wave.wavenumber for wave in sea.waves]))
     lags = np.arange(10.0 * PERIOD, 3600.0, 0.1)
     correlation = np.cos(lags[:, None] * omega).mean(axis=1)
     assert correlation.max() < 0.8
-    evenly = np.linspace(omega.min(), omega.max(), waves)  # what would repeat
+    evenly = np.linspace(omega.min(), omega.max(), waves)  # such a record would repeat
     assert np.cos(lags[:, None] * evenly).mean(axis=1).max() > 0.99
 
 
 @pytest.mark.parametrize("spread", [0.2, 0.436, 0.8])
-def test_headings_spread_as_asked(spread):
+def test_headings_have_the_given_spread(spread):
     angles = equal_share_angles(spread, 2000)
     assert angles.mean() == pytest.approx(0.0, abs=1e-3)
-    # sqrt(2 / (1 + q)) is the width in the circular sense: 2 (1 - |mean of exp(i angle)|).
+    # The circular width sqrt(2 (1 - |mean of exp(i angle)|)) equals sqrt(2 / (1 + q)).
     width = np.sqrt(2.0 * (1.0 - np.abs(np.exp(1j * angles).mean())))
     assert width == pytest.approx(spread, rel=0.01)
     headings = [
@@ -110,14 +110,14 @@ def test_headings_spread_as_asked(spread):
     assert np.mean(headings) == pytest.approx(1.0, abs=1e-3)
 
 
-def test_long_crests_head_one_way_and_seeds_differ():
+def test_long_crests_have_one_heading_and_seeds_differ():
     sea = Sea.jonswap(HEIGHT, PERIOD, heading=0.3, spread=0.0)
     assert {wave.heading for wave in sea.waves} == {0.3}
     assert sea == Sea.jonswap(HEIGHT, PERIOD, heading=0.3, spread=0.0)
     assert sea != Sea.jonswap(HEIGHT, PERIOD, heading=0.3, spread=0.0, seed=1)
 
 
-def test_advice_on_folding_helps():
+def test_the_remedy_for_folding_works():
     with pytest.raises(ValueError, match=r"waves of this sea fold.*k a over 40 waves") as error:
         Sea.jonswap(2.0, PERIOD)
     words = str(error.value).replace(",", "").split()
@@ -151,7 +151,7 @@ def sea_of(data: str) -> Sea:
     return Buoyancy.of(model(custom=f'<numeric name="sea_jonswap" data="{data}"/>')).sea
 
 
-def test_custom_numeric_has_the_same_numbers_in_the_same_order():
+def test_the_custom_numeric_has_the_numbers_of_the_function():
     assert sea_of("0.5 4") == Sea.jonswap(0.5, 4.0)
     every = Sea.jonswap(0.5, 4.0, 2.0, np.radians(30.0), np.radians(10.0), 25, 7)
     assert sea_of("0.5 4 2 30 10 25 7") == every
@@ -166,7 +166,7 @@ def test_custom_numeric_has_the_same_numbers_in_the_same_order():
         ("0.5 4 3.3 0 25 2.5", "custom numeric 'sea_jonswap': the number of waves is 2.5"),
     ],
 )
-def test_unusable_custom_numerics(data, message):
+def test_impossible_custom_numerics_are_refused(data, message):
     with pytest.raises(ValueError, match=message):
         sea_of(data)
 

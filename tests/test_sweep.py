@@ -1,4 +1,4 @@
-"""Sweeps and series: a scene run many times, what is kept of it, and tables of samples."""
+"""Sweeps and series: many runs of a scene, their saved rows, and tables of samples."""
 
 import json
 import os
@@ -6,14 +6,15 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scenes import CUBE, WAVES, model, xml
 
-from independent import MODELS, REPOSITORY, hear_ctrl_c, status_of
-from sim import Scene, simulate
+from independent import MODELS, REPOSITORY, receive_ctrl_c, sending, status_of
+from sim import Scene, Sea, simulate
 from sim.runs.series import COLUMNS, Series
 from sim.runs.statistics import heights, start_times
 from sim.runs.sweep import Plan, Run, kept_rows, perform, runs_of
@@ -24,7 +25,7 @@ SHORT = ("--duration", "4", "--warm-up", "1")
 RUNS = (str(MODELS / "cube.xml"), "--starts", "12", "--duration", "6", "--warm-up", "1")
 
 
-def test_heights_of_a_sine_are_twice_its_amplitude():
+def test_wave_heights_of_a_sine_are_twice_its_amplitude():
     times = np.linspace(0.0, 50.0, 5001)
     found = heights(times, 3.0 + 0.5 * np.sin(2.0 * np.pi * times / 2.5))
     assert found.significant == pytest.approx(1.0, abs=1e-3)
@@ -35,16 +36,14 @@ def test_heights_of_a_sine_are_twice_its_amplitude():
     assert np.isnan(heights(times, np.ones_like(times)).largest)
 
 
-def test_of_gaussian_seas_the_significant_height_is_four_standard_deviations():
-    from sim import Sea
-
+def test_the_significant_height_of_a_gaussian_sea_is_four_standard_deviations():
     times = np.arange(0.0, 5_000.0, 0.25)
     values = Sea.jonswap(1.0, 8.0, spread=0.0, waves=100).elevation(0.0, 0.0, times)
     found = heights(times, values)
     assert found.significant == pytest.approx(4.0 * values.std(), rel=0.06)
 
 
-def test_runs_are_all_products():
+def test_runs_are_all_combinations():
     runs = runs_of(["a=1,2", "b=3 4, 5 6"], seeds=2, starts=3)
     assert len(runs) == 24
     assert len({(run.settings, run.start) for run in runs}) == 24
@@ -56,7 +55,7 @@ def test_runs_are_all_products():
             runs_of([wrong], 0, 1)
 
 
-def test_a_run_s_row_is_that_of_the_samples():
+def test_the_row_of_a_run_matches_its_samples():
     plan = Plan(MODELS / "cube.xml", 6.0, 2.0, 10.0)
     row = perform(plan, Run(0, (("wave_swell.amplitude", "0.05"),), 3.0))
     scene = Scene.load(MODELS / "cube.xml", settings=["wave_swell.amplitude=0.05"])
@@ -68,10 +67,8 @@ def test_a_run_s_row_is_that_of_the_samples():
     assert row["cube tilt_deg mean"] == pytest.approx(np.mean(tilts))
 
 
-def test_runs_in_threads_are_those_of_one():
-    """They share a compiled scene, and each has a state of its own."""
-    from concurrent.futures import ThreadPoolExecutor
-
+def test_runs_in_threads_match_runs_in_one():
+    """The runs share a compiled scene, and each has its own state."""
     plan = Plan(MODELS / "cube.xml", 4.0, 1.0, 10.0)
     runs = runs_of([], 0, 6)
     alone = [perform(plan, run) for run in runs]
@@ -84,8 +81,8 @@ def test_runs_in_threads_are_those_of_one():
         }
 
 
-def test_what_fails_is_a_row_and_not_the_end(tmp_path):
-    """A wave that folds, and a timestep's worth of a mass that is thrown about."""
+def test_failed_runs_have_rows(tmp_path):
+    """One run diverges because its timestep is too long, and the waves of the other fold."""
     light = """<body name="ball" pos="0 0 0.05"><freejoint/>
       <geom name="ball" type="sphere" size="0.1" density="0.5"/></body>"""
     wave = '<numeric name="wave_swell" data="0.1 4 0 0"/>'
@@ -102,7 +99,7 @@ def test_what_fails_is_a_row_and_not_the_end(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet", "npz"])
-def test_tables_come_back_as_they_were(ending, tmp_path):
+def test_tables_are_read_as_they_were_written(ending, tmp_path):
     columns = {"time": np.array([0.0, 0.1, np.nan]), "body": np.array(["a", "b ö", "c,d"])}
     path = tmp_path / f"t.{ending}"
     write_columns(path, columns)
@@ -112,40 +109,38 @@ def test_tables_come_back_as_they_were(ending, tmp_path):
     assert found["body"].tolist() == columns["body"].tolist()
 
 
+def has_two_rows(kept: Path) -> bool:
+    """Whether a sweep has saved two rows after its plan."""
+    return kept.exists() and kept.read_text().count("\n") >= 3
+
+
 def wait_for_rows(process: subprocess.Popen, kept: Path) -> None:
-    """Until a sweep has kept two of its rows, behind its plan."""
     deadline = time.monotonic() + 120.0
-    while not (kept.exists() and kept.read_text().count("\n") >= 3):
+    while not has_two_rows(kept):
         assert time.monotonic() < deadline
         assert process.poll() is None
         time.sleep(0.02)
 
 
-def interrupted(tmp_path, *jobs: str) -> int:
-    """A sweep that Ctrl-C stops after some of its RUNS; how many lines it has kept."""
-    process = subprocess.Popen(
-        [*SWEEP, *RUNS, "--output", "a.parquet", *jobs], cwd=tmp_path, stderr=subprocess.PIPE,
-        text=True, preexec_fn=hear_ctrl_c, start_new_session=True,
-    )  # fmt: skip
-    kept = tmp_path / "a.parquet.rows"
-    wait_for_rows(process, kept)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the workers get it too
-    _, said = process.communicate(timeout=60)
-    assert process.returncode == 130, said
-    lines = kept.read_text().count("\n")
-    *notes, stopped, resume = said.splitlines()
+def check_interrupted(kept: Path, stderr: str) -> None:
+    """Check that Ctrl-C has stopped a sweep of RUNS after some of them."""
+    rows = kept.read_text().count("\n") - 1
+    assert 2 <= rows < 12
+    *notes, stopped, resume = stderr.splitlines()
     assert stopped == "sweep.py: stopped by SIGINT"
-    assert resume == f"sweep.py: {lines - 1} of 12 runs are saved; --resume does the others"
+    assert resume == f"sweep.py: {rows} of 12 runs are saved; --resume does the others"
     assert all(note.startswith("sweep.py: note: ") for note in notes)
-    return lines
 
 
-def test_an_interrupted_sweep_keeps_its_rows_and_goes_on(tmp_path):
-    assert 3 <= interrupted(tmp_path) < 13
-    with (tmp_path / "a.parquet.rows").open("a") as file:
-        file.write('{"run": 11, "sta')  # as a kill may leave it
-    command = [*RUNS, "--quiet", "--output", tmp_path / "a.parquet"]
-    assert status_of("sweep.py", *command) == 2  # nothing that was kept is lost
+def test_an_interrupted_sweep_keeps_its_rows_and_resumes(tmp_path, capsys):
+    output, kept = tmp_path / "a.parquet", tmp_path / "a.parquet.rows"
+    with sending(signal.SIGINT, lambda: has_two_rows(kept)):
+        assert status_of("sweep.py", *RUNS, "--output", output) == 130
+    check_interrupted(kept, capsys.readouterr().err)
+    with kept.open("a") as file:
+        file.write('{"run": 11, "sta')  # an incomplete row, as after a kill
+    command = [*RUNS, "--quiet", "--output", output]
+    assert status_of("sweep.py", *command) == 2  # it does not overwrite the rows
     assert status_of("sweep.py", *command, "--resume") == 0
     found = read_columns(tmp_path / "a.parquet")
     assert found["run"].tolist() == list(range(12))
@@ -154,42 +149,50 @@ def test_an_interrupted_sweep_keeps_its_rows_and_goes_on(tmp_path):
 
 
 def test_ctrl_c_stops_all_processes(tmp_path):
-    assert 3 <= interrupted(tmp_path, "--jobs", "2") < 13
+    process = subprocess.Popen(
+        [*SWEEP, *RUNS, "--output", "a.csv", "--jobs", "2"], cwd=tmp_path, stderr=subprocess.PIPE,
+        text=True, preexec_fn=receive_ctrl_c, start_new_session=True,
+    )  # fmt: skip
+    wait_for_rows(process, tmp_path / "a.csv.rows")
+    os.killpg(process.pid, signal.SIGINT)  # a terminal sends it to the workers too
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130, stderr
+    check_interrupted(tmp_path / "a.csv.rows", stderr)
 
 
-@pytest.mark.skipif(not Path("/proc").exists(), reason="finds processes by Linux's /proc")
-def test_a_killed_worker_is_said_and_what_was_done_is_kept(tmp_path):
+@pytest.mark.skipif(not Path("/proc").exists(), reason="needs Linux's /proc")
+def test_a_killed_worker_is_reported_and_finished_rows_are_kept(tmp_path):
     command = [*SWEEP, *RUNS, "--jobs", "2", "--output", "a.csv", "--quiet"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     wait_for_rows(process, tmp_path / "a.csv.rows")
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     workers = [c for c in children if b"popen_loky" in Path(f"/proc/{c}/cmdline").read_bytes()]
     os.kill(int(workers[0]), signal.SIGKILL)
-    _, said = process.communicate(timeout=60)
+    _, stderr = process.communicate(timeout=60)
     assert process.returncode == 4
-    assert said.startswith("sweep.py: a process was killed")  # behind it joblib may tidy up
-    assert "of 12 runs are saved; --resume does the others" in said
-    assert "Traceback" not in said
+    assert stderr.startswith("sweep.py: a process was killed")  # joblib may print more after it
+    assert "of 12 runs are saved; --resume does the others" in stderr
+    assert "Traceback" not in stderr
     assert (tmp_path / "a.csv.rows").exists()
 
 
-def test_half_a_row_is_taken_away_before_more_follow(tmp_path):
-    """Else the next one would be glued to it, and lost with all behind it to who resumes again."""
+def test_an_incomplete_row_is_removed_before_more_follow(tmp_path):
+    """Otherwise the next row would continue its line, and a later --resume could read neither."""
     path, plan = tmp_path / "rows", Plan(MODELS / "cube.xml", 4.0, 1.0, 10.0)
-    whole = json.dumps(plan.as_row()) + '\n{"run": 0, "start": 0.0, "status": "held"}\n'
-    path.write_text(whole + '{"run": 1, "sta')
+    complete = json.dumps(plan.as_row()) + '\n{"run": 0, "start": 0.0, "status": "held"}\n'
+    path.write_text(complete + '{"run": 1, "sta')
     rows = [{"run": 0, "start": 0.0, "status": "held"}]
     assert kept_rows(path, plan, runs_of([], 0, 1)) == rows
-    assert path.read_text() == whole
+    assert path.read_text() == complete
 
 
-def test_columns_without_a_number_are_left_out_of_the_summary(tmp_path, capsys):
-    """Of a run too short for two upcrossings, without a warning."""
+def test_the_summary_omits_columns_without_numbers(tmp_path, capsys):
+    """A run too short for two upcrossings has no period, and gives no warning."""
     arguments = ("--output", tmp_path / "a.csv", "--duration", "1", "--warm-up", "0.5")
     assert status_of("sweep.py", MODELS / "cube.xml", *arguments) == 0
-    told = capsys.readouterr()
-    assert "nan" not in told.out
-    assert "cube heave std" in told.out
+    printed = capsys.readouterr().out
+    assert "nan" not in printed
+    assert "cube heave std" in printed
 
 
 @pytest.mark.parametrize(
@@ -200,7 +203,7 @@ def test_columns_without_a_number_are_left_out_of_the_summary(tmp_path, capsys):
     ],
     ids=lambda v: v[0] if isinstance(v, tuple) else "",
 )
-def test_rows_of_another_sweep_are_not_gone_on_from(others, message, tmp_path, capsys):
+def test_rows_of_another_sweep_are_not_resumed(others, message, tmp_path, capsys):
     kept = tmp_path / "a.csv.rows"
     options = ("--set", "wave_swell.amplitude=0.1", "--output", tmp_path / "a.csv", *SHORT)
     rows = [Plan(MODELS / "cube.xml", 4.0, 1.0, 10.0).as_row()]
@@ -212,7 +215,7 @@ def test_rows_of_another_sweep_are_not_gone_on_from(others, message, tmp_path, c
     assert read_columns(tmp_path / "a.csv")["status"].tolist() == ["held"]
 
 
-def test_a_sweep_of_a_scene_that_was_edited_is_another_one(tmp_path):
+def test_a_sweep_of_an_edited_scene_is_another_sweep(tmp_path):
     path = tmp_path / "s.xml"
     path.write_text(xml(CUBE))
     before = Plan(path, 4.0, 1.0, 10.0).as_row()
@@ -222,21 +225,19 @@ def test_a_sweep_of_a_scene_that_was_edited_is_another_one(tmp_path):
     assert before == after
 
 
-def test_a_cluster_does_the_same(tmp_path):
-    """On a scheduler of this machine with two workers."""
+def test_a_cluster_gives_the_same_rows(tmp_path):
+    """A dask scheduler and a worker process on this machine."""
     distributed = pytest.importorskip("distributed")
-    arguments = [str(MODELS / "cube.xml"), "--starts", "4", "--quiet", *SHORT]
-    assert status_of("sweep.py", *arguments, "--output", tmp_path / "here.csv") == 0
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=2, dashboard_address=None
-    ) as cluster:
-        command = [*SWEEP, *arguments, "--output", "there.csv", "--dask", cluster.scheduler_address]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
-    here, there = (read_columns(tmp_path / name) for name in ("here.csv", "there.csv"))
-    for name in here:
+    arguments = [str(MODELS / "cube.xml"), "--starts", "2", "--quiet", *SHORT]
+    local, remote = tmp_path / "local.csv", tmp_path / "remote.csv"
+    assert status_of("sweep.py", *arguments, "--output", local) == 0
+    with distributed.LocalCluster(n_workers=1, dashboard_address=None) as cluster:
+        options = ("--output", remote, "--dask", cluster.scheduler_address)
+        assert status_of("sweep.py", *arguments, *options) == 0
+    expected, found = read_columns(local), read_columns(remote)
+    for name in expected:
         if "seconds" not in name:
-            np.testing.assert_array_equal(here[name], there[name])
+            np.testing.assert_array_equal(found[name], expected[name])
 
 
 @pytest.mark.parametrize(
@@ -249,23 +250,26 @@ def test_a_cluster_does_the_same(tmp_path):
         (("--output", "a.csv", "--duration", "5", "--warm-up", "9"), "has nothing left"),
     ],
 )
-def test_unusable_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):
+def test_unusable_input_gives_one_line(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert status_of("sweep.py", MODELS / "cube.xml", *arguments) == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
     assert os.listdir(tmp_path) == []
 
 
-def test_a_scheduler_that_is_not_there_is_said(tmp_path, capsys):
-    pytest.importorskip("distributed")
+def test_a_missing_scheduler_is_reported(tmp_path, monkeypatch, capsys):
+    distributed = pytest.importorskip("dask.distributed")
+    client = distributed.Client
+    impatient = lambda address, timeout: client(address, timeout="0.1s")  # noqa: E731
+    monkeypatch.setattr(distributed, "Client", impatient)
     arguments = ("--output", tmp_path / "a.csv", "--dask", "tcp://127.0.0.1:9")
     assert status_of("sweep.py", MODELS / "cube.xml", *arguments) == 2
     assert "there is no dask scheduler at tcp://127.0.0.1:9" in capsys.readouterr().err
 
 
-def test_series_are_the_samples(tmp_path):
+def test_series_match_the_samples(tmp_path):
     path = tmp_path / "s.npz"
     command = (MODELS / "trio.xml", "--no-record", "--duration", "2", "--rate", "20", "--quiet")
     assert status_of("run.py", *command, "--series", path) == 0
@@ -284,11 +288,12 @@ def test_series_are_the_samples(tmp_path):
     np.testing.assert_allclose(last["water_height"], sample.elevations)
     chosen = found["body"] == names[0]
     slope = np.gradient(found["z"][chosen], found["time"][chosen])
-    np.testing.assert_allclose(found["vz"][chosen][5:-5], slope[5:-5], atol=0.2)
+    finite_differences = 0.2  # m/s
+    np.testing.assert_allclose(found["vz"][chosen][5:-5], slope[5:-5], atol=finite_differences)
 
 
-def test_heave_heel_and_trim_are_the_fields_terms():
-    """From where a box rests: half its height is the draught at half the density."""
+def test_heave_heel_and_trim_follow_naval_convention():
+    """Heave is relative to the rest of a box, whose draught is half its height."""
     body = """<body name="b" pos="0 0 0.3" euler="0 10 0"><freejoint/>
       <geom name="b" type="box" size="2 1 0.25" density="512.5"/></body>"""
     scene = Scene.from_model(model(body, ("b",)))

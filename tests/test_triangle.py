@@ -1,4 +1,4 @@
-"""The closed form of a triangle and the straight clip, against quadrature and conservation."""
+"""The closed form of a wet triangle and the straight clip, against quadrature and sums."""
 
 import numpy as np
 import pytest
@@ -22,13 +22,13 @@ def test_wrench_of_wet_triangles_agrees_with_quadrature():
 
 
 def test_one_triangle_by_hand():
-    """Area 1/2 facing up, head 2 everywhere: weighs down at its centroid."""
+    """A triangle of area 1/2 that faces up under a head of 2 is pushed down at its centroid."""
     corners = [[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]]
     wrench = wet_triangles_wrench(corners, [[2.0, 2.0, 2.0]], 1000.0, 10.0)
     np.testing.assert_allclose(wrench, [0, 0, -1e4, -1e4 / 3.0, 1e4 / 3.0, 0.0])
 
 
-def test_uniform_pressure_on_a_closed_surface_gives_nothing():
+def test_uniform_pressure_on_a_closed_surface_gives_no_wrench():
     for mesh in meshes().values():
         hull = Hull.from_trimesh(mesh)
         corners = hull.vertices[hull.faces]
@@ -36,11 +36,12 @@ def test_uniform_pressure_on_a_closed_surface_gives_nothing():
         np.testing.assert_allclose(wrench, 0.0, atol=ROUND_OFF * DENSITY * GRAVITY * mesh.area)
 
 
-@pytest.mark.parametrize("odd_is_wet", [True, False])
-def test_clip_takes_just_what_is_above_the_water(odd_is_wet):
-    """Corner sums minus the dry part equal the wrench of the polygon that is really wet."""
+@pytest.mark.parametrize("lone_corner_is_wet", [True, False])
+def test_the_clip_removes_the_dry_piece(lone_corner_is_wet):
+    """Sums over the corners minus the dry piece equal the wrench of the wet polygon."""
     corners, heads = random_triangles(200, seed=1)
-    heads = np.abs(heads) * np.where(odd_is_wet, [1.0, -1.0, -1.0], [-1.0, 1.0, 1.0])
+    signs = [1.0, -1.0, -1.0] if lone_corner_is_wet else [-1.0, 1.0, 1.0]
+    heads = np.abs(heads) * signs
     for corner, head in zip(corners, heads, strict=True):
         area = 0.5 * np.cross(corner[1] - corner[0], corner[2] - corner[0])
         arms = (corner.sum(axis=0) + corner) / 12.0
@@ -53,15 +54,16 @@ def test_clip_takes_just_what_is_above_the_water(odd_is_wet):
         np.testing.assert_allclose(-torque, expected[3:], atol=1e-12 * np.abs(head).max())
 
 
-def test_wet_and_dry_parts_make_up_the_whole():
+def test_wet_and_dry_pieces_add_up_to_the_triangle():
     corners, heads = random_triangles(200, seed=2)
     wet = wet_triangles_wrench(*clip(corners, heads), 1.0, 1.0)
     dry = -wet_triangles_wrench(*clip(corners, -heads), 1.0, 1.0)
     whole = wet_triangles_wrench(corners, heads, 1.0, 1.0)
-    np.testing.assert_allclose(wet + dry, whole, atol=1e-11)  # round-off of 200 triangles
+    round_off = 1e-11  # of 200 triangles
+    np.testing.assert_allclose(wet + dry, whole, atol=round_off)
 
 
-def test_shapes_that_do_not_fit_are_refused():
+def test_mismatched_shapes_are_refused():
     corners, heads = random_triangles(4)
     with pytest.raises(ValueError, match=r"\(4, 3, 3\) and heads \(4, 2\).*one head for each"):
         wet_triangles_wrench(corners, heads[:, :2], DENSITY, GRAVITY)

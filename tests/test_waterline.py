@@ -1,4 +1,4 @@
-"""The waterline: on the hull, on the sea, closed, and known circles."""
+"""Waterline curves: on the hull, on the sea, closed, and equal to known circles."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def placed(mesh: trimesh.Trimesh, seed: int) -> trimesh.Trimesh:
 
 @pytest.mark.parametrize("name", meshes())
 @pytest.mark.parametrize("seed", range(3))
-def test_points_lie_on_the_hull_and_on_the_sea_and_curves_close(name, seed):
+def test_curves_are_closed_and_on_the_hull_and_the_sea(name, seed):
     sea, mesh = three_waves(), placed(meshes()[name], seed)
     found = curves(sea, mesh, time=0.4 * seed)
     assert found
@@ -52,32 +52,32 @@ def distance_to_edges(mesh: trimesh.Trimesh, points: np.ndarray) -> float:
     return worst
 
 
-def test_every_edge_that_the_water_crosses_is_visited_once():
+def test_every_edge_across_the_water_is_visited_once():
     sea, mesh = three_waves(), placed(load_mesh("bunny"), 7)
     wet = sea.elevation(*np.array(mesh.vertices)[:, :2].T, 0.0) > mesh.vertices[:, 2]
     crossed = np.count_nonzero(wet[mesh.edges_unique[:, 0]] != wet[mesh.edges_unique[:, 1]])
     assert sum(len(curve) - 1 for curve in curves(sea, mesh)) == crossed
 
 
-def test_flat_water_cuts_a_ball_in_a_circle_with_the_wet_side_right():
+def test_flat_water_cuts_a_ball_in_a_circle_with_the_wet_side_on_the_right():
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
     (curve,) = curves(Sea(level=0.3), ball)
     radii = np.hypot(curve[:, 0], curve[:, 1])
-    facets = 1e-3 * 0.5  # the icosphere's faces lie that far inside the ball
+    facets = 1e-3 * 0.5  # m, from the icosphere's faces to the sphere
     np.testing.assert_allclose(radii, 0.4, atol=facets)
-    # With the water below, right is down for one who goes counterclockwise as seen from above.
+    # A curve counterclockwise from above has the wet side on its right.
     x, y = curve[:, 0], curve[:, 1]
     assert 0.5 * (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() == pytest.approx(0.16 * np.pi, rel=1e-2)
 
 
-def test_a_torus_across_the_water_has_two_curves_and_one_apart_has_none():
+def test_a_torus_has_two_curves_across_the_water_and_none_elsewhere():
     torus = meshes()["torus"]
     assert len(curves(Sea(level=0.0501), torus)) == 2
     assert curves(Sea(level=3.0), torus) == []
     assert curves(Sea(level=-3.0), torus) == []
 
 
-def test_two_surfaces_at_once_are_the_two_of_them():
+def test_two_surfaces_at_once_have_the_curves_of_both():
     sea, a, b = three_waves(), placed(load_mesh("bunny"), 1), placed(meshes()["torus"], 2)
     both = trimesh.util.concatenate([a, b])
     together, apart = curves(sea, both), curves(sea, a) + curves(sea, b)
@@ -86,7 +86,7 @@ def test_two_surfaces_at_once_are_the_two_of_them():
     assert total[0] == total[1]
 
 
-def test_heads_are_true_where_the_surface_can_be_and_right_in_sign_elsewhere():
+def test_heads_are_exact_near_the_surface_and_have_the_right_sign_elsewhere():
     sea = three_waves()
     points = np.random.default_rng(3).uniform(-1.0, 1.0, (500, 3))
     exact = sea.elevation(points[:, 0], points[:, 1], 0.7) - points[:, 2]
@@ -109,11 +109,11 @@ def test_refining_keeps_the_surface_and_bounds_the_edges(longest):
     assert fine.volume == pytest.approx(0.18, rel=ROUND_OFF)
     assert fine.area == pytest.approx(box.area, rel=ROUND_OFF)
     assert volume_below(fine, 0.05) == pytest.approx(0.12, rel=ROUND_OFF)
-    wanted = box.area / (np.sqrt(3.0) / 4.0 * longest**2)  # of equilateral triangles
-    assert len(faces) < 8 * wanted + 12
+    equilateral = box.area / (np.sqrt(3.0) / 4.0 * longest**2)
+    assert len(faces) < 8 * equilateral + 12
 
 
-def test_fine_meshes_are_left_as_they_are():
+def test_fine_meshes_stay_unchanged():
     ball = meshes()["icosphere"]
     vertices, faces = refined(ball.vertices, ball.faces, 1.0)
     np.testing.assert_array_equal(vertices, ball.vertices)
@@ -121,7 +121,7 @@ def test_fine_meshes_are_left_as_they_are():
 
 
 def test_a_refined_box_has_the_curved_waterline():
-    """Its chords of 4 cm stay within their sagitta of the true curve; the bare box's do not."""
+    """Chords of 4 cm stay within their sagitta of the true curve; those of the box do not."""
     sea, box = three_waves(0.6), trimesh.creation.box(extents=(1.0, 1.0, 1.0))
     fine = trimesh.Trimesh(*refined(np.array(box.vertices), np.array(box.faces), 0.04))
     deviations = []
