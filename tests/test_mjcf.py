@@ -278,7 +278,7 @@ REFUSALS = {
     ),
     "indefinite added mass": (
         dict(custom=f'<numeric name="added_mass" data="{numbers(np.diag([1, 1, 1, 1, 1, -2]))}"/>'),
-        "negative eigenvalue -2: .*positive semidefinite",
+        "negative eigenvalue -2, .*positive semidefinite",
     ),
     "unknown pressure": (
         dict(custom='<text name="water_pressure" data="static"/>'),

@@ -507,7 +507,7 @@ def test_a_model_that_is_changed_into_a_faulty_one_has_no_new_states():
 
 
 def test_a_buoyancy_says_how_it_is_made_anew_elsewhere():
-    with pytest.raises(TypeError, match=r"ask there anew: Buoyancy.of\(model\)"):
+    with pytest.raises(TypeError, match=r"call Buoyancy.of\(model\)"):
         pickle.dumps(Buoyancy.of(model()))
 
 

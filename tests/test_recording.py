@@ -306,7 +306,7 @@ class Tolerant(Pushed):
 )
 def test_methods_from_outside_are_recorded(method, said, tmp_path, monkeypatch):
     monkeypatch.setitem(METHODS, "own", method)
-    scene, path = afloat(load={"method": "own"}), tmp_path / "a.rrd"
+    scene, path = afloat(load={"settings": {"buoyancy_method": "own"}}), tmp_path / "a.rrd"
     with Recorder(path, scene) as recorder:
         for sample in simulate(scene, 0.1):
             recorder.log(sample)

@@ -228,7 +228,7 @@ def test_a_sea_gives_back_the_record_that_it_was_made_of(place, tmp_path):
         ("sea_components", "amplitude,wavelength\n0.1,9\n-1,9\n", "line 3: wave amplitude is -1"),
         ("sea_components", "amplitude,wavelength\n2,3\n", "the waves fold"),
         ("sea_record", "time,elevation\n0,1\n1,2\n", "expected 8 or more times in rising order"),
-        ("sea_record", "time,height\n0,1\n1,2\n", "expected a line with the names"),
+        ("sea_record", "time,height\n0,1\n1,2\n", "expected a header with names"),
     ],
 )
 def test_files_that_cannot_be_followed_are_refused(name, text, message, tmp_path, capsys):

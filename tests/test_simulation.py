@@ -271,7 +271,10 @@ def test_a_run_of_more_steps_than_anyone_waits_for_is_refused():
 @pytest.mark.parametrize("pressure", ["froude-krylov", "hydrostatic"])
 def test_a_sample_computes_the_push_once(pressure, monkeypatch):
     drag = '<numeric name="drag" data="0.2 1 0.005"/>'
-    scene, pushes = afloat(custom=WAVES + drag, load=dict(pressure=pressure)), []
+    scene, pushes = (
+        afloat(custom=WAVES + drag, load=dict(settings={"water_pressure": pressure})),
+        [],
+    )
     scene.data.qvel[:] = 0.3
 
     def push(context, *arguments):
