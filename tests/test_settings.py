@@ -3,6 +3,7 @@
 import warnings
 from dataclasses import astuple
 
+import mujoco
 import numpy as np
 import pytest
 from scenes import CUBE, WAVES, afloat, model, xml
@@ -29,6 +30,16 @@ def test_settings_override_rows_single_numbers_and_texts():
     assert len(sea_with("wave_new=0.01 1 0 0").waves) == 4
     floats = afloat(load=dict(settings=["buoyancy_method_cube=linear"])).buoyancy.floats
     assert type(floats[0].method).__name__ == "Linear"
+
+
+def test_settings_reach_attached_models():
+    """By their prefix, and a seed in any case."""
+    parent, child = mujoco.MjSpec(), mujoco.MjSpec.from_string(xml(CUBE, custom=JONSWAP))
+    parent.attach(child, prefix="boat/", frame=parent.worldbody.add_frame())
+    settings = {"seed": 7, "boat/buoyancy_method": "linear"}
+    buoyancy = Scene.load(parent, settings=settings).buoyancy
+    assert buoyancy.sea.waves == Sea.jonswap(0.3, 3.0, 3.3, np.radians(10.0), seed=7).waves
+    assert type(buoyancy.floats[0].method) is Linear
 
 
 def test_settings_are_strings_or_a_mapping():

@@ -8,7 +8,7 @@
 A name may begin with the prefix of an attached model: "boat/buoyancy_method".
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -46,8 +46,8 @@ def override(spec: mujoco.MjSpec, settings: Settings) -> None:
         given = [
             (f"setting '{text}'", *map(str.strip, text.partition("=")[::2])) for text in settings
         ]
-    faults, changes = Faults(), _Changes(spec)
     prefixes = prefixes_of(listing.name for listing in spec.tuples)
+    faults, changes = Faults(), _Changes(spec, prefixes)
     for label, name, value in given:
         with faults.collected():
             if not name or (isinstance(value, str) and not value):
@@ -81,8 +81,8 @@ def set_sea(spec: mujoco.MjSpec, sea: Sea) -> None:
 class _Changes:
     """Changes to the fields of a spec, which `write` makes."""
 
-    def __init__(self, spec: mujoco.MjSpec) -> None:
-        self._spec = spec
+    def __init__(self, spec: mujoco.MjSpec, prefixes: Sequence[str]) -> None:
+        self._spec, self._prefixes = spec, prefixes
         self._numerics = {numeric.name: _numbers_of(numeric) for numeric in spec.numerics}
         self._changed: dict[str, Array] = {}
         self._texts: dict[str, str] = {}
@@ -91,11 +91,16 @@ class _Changes:
         """Change a text, a numeric, or one number of a numeric. Raises ValueError."""
         field, dot, number = name.partition(".")
         if name == SEED:
-            seas = [n for n in self._numerics if SEED in _number_names(n)]
+            seas = [
+                (p, sea)
+                for p in self._prefixes
+                for sea in (n.removeprefix(p) for n in self._numerics if n.startswith(p))
+                if SEED in _number_names(sea)
+            ]
             if not seas:
                 raise ValueError("the scene has no irregular sea (sea_<name>) that takes a seed")
-            for sea in seas:
-                self._set("", sea, _with_number(self._numerics[sea], sea, SEED, value))
+            for p, sea in seas:
+                self._set(p, sea, _with_number(self._numerics[p + sea], sea, SEED, value))
         elif dot:
             known = [n.removeprefix(prefix) for n in self._numerics if n.startswith(prefix)]
             if field not in known:
