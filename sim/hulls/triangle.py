@@ -100,16 +100,22 @@ def clipped(corners, heads):
             j = (i + 1) % 3
             ei, ej = heads[f, i], heads[f, j]
             if ei > 0.0:
-                polygon[size], values[size] = corners[f, i], ei
+                values[size] = ei
+                for x in range(3):
+                    polygon[size, x] = corners[f, i, x]
                 size += 1
             if (ei > 0.0) != (ej > 0.0):
-                along = ei / (ei - ej)
-                polygon[size] = corners[f, i] + along * (corners[f, j] - corners[f, i])
-                values[size] = 0.0
+                values[size], along = 0.0, ei / (ei - ej)
+                for x in range(3):
+                    side = corners[f, j, x] - corners[f, i, x]
+                    polygon[size, x] = corners[f, i, x] + along * side
                 size += 1
         for k in range(1, size - 1):
-            wet_corners[n, 0], wet_heads[n, 0] = polygon[0], values[0]
-            wet_corners[n, 1:], wet_heads[n, 1:] = polygon[k : k + 2], values[k : k + 2]
+            for corner in range(3):
+                at = 0 if corner == 0 else k + corner - 1
+                wet_heads[n, corner] = values[at]
+                for x in range(3):
+                    wet_corners[n, corner, x] = polygon[at, x]
             n += 1
     return wet_corners[:n], wet_heads[:n]
 

@@ -94,8 +94,10 @@ def sample_chord(ends, samples_out):
     n = samples_out.size
     fan, first, last = ends[0], ends[1], ends[2]
     # all fan triangles have the same share of the chord, and so the same area
-    u, v = first - fan, last - fan
-    sx, sy, sz = cross(u[0], u[1], u[2], v[0], v[1], v[2])
+    sx, sy, sz = cross(
+        first[0] - fan[0], first[1] - fan[1], first[2] - fan[2],
+        last[0] - fan[0], last[1] - fan[1], last[2] - fan[2],
+    )  # fmt: skip
     sx, sy, sz = 0.5 * sx / (n + 1.0), 0.5 * sy / (n + 1.0), 0.5 * sz / (n + 1.0)
     for i in range(n):
         along = (i + 1.0) / (n + 1.0)
