@@ -524,7 +524,7 @@ def test_a_body_left_alone_in_waves_drifts_with_them():
     circles, so it does not drift relative to them."""
     custom = '<numeric name="wave_a" data="0.3 12 0 0"/><numeric name="drag" data="1 2 0.01"/>'
     scene = ball(0.5, custom, z=0.0)
-    samples = list(simulate(scene, 40.0, rate=50.0))
+    samples = list(simulate(scene, 25.0, rate=50.0))
     track = np.array([s.centres[0] for s in samples])
     times = np.array([s.time for s in samples])
     settled = times > 10.0
@@ -626,7 +626,7 @@ def test_a_body_under_a_ceiling_presses_with_its_net_buoyancy_and_rests(shape, t
     custom = f'<numeric name="drag" data="{drag}"/>' if drag else ""
     option = f'<option timestep="{timestep}" integrator="implicitfast"/>'
     scene = Scene.from_model(model(CEILING + body, ("g",), custom, option, assets))
-    mujoco.mj_step(scene.model, scene.data, nstep=round(80.0 / timestep))
+    mujoco.mj_step(scene.model, scene.data, nstep=round(40.0 / timestep))
     lift = scene.buoyancy.wrenches(scene.data)[0, 2] - scene.model.body_mass[1] * GRAVITY
     assert -scene.data.qfrc_constraint[2] == pytest.approx(lift, rel=1e-6)
     assert np.abs(scene.data.qvel).max() < 1e-6
