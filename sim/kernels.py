@@ -12,6 +12,11 @@ What holds for every kernel of the package:
   to what is there.
 - Workspaces are tables with one row, whose fields are arrays. A row does not keep its table alive,
   so it is taken only by kernels that are given the workspace, not by the one that makes it.
+- A kernel is compiled once for each type of its arguments, so it gets the same types everywhere:
+  `row.field[:]` for an array, because a field has a type of its own, and a NumPy integer for a
+  constant, because each Python integer has one.
+- Each kernel compiles everything below it again, so there are few levels. Array expressions, sorts
+  and assignments of arrays take a second or more to compile; loops do not.
 - Compiled code is kept in the user's cache folder, under a stamp of the sources of all kernels:
   numba by itself looks at the file of a kernel, and not at those of the kernels that it calls.
 """
