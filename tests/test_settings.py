@@ -35,6 +35,7 @@ def test_settings_override_rows_single_numbers_and_texts():
 def test_settings_reach_attached_models():
     """By their prefix, and a seed in any case."""
     parent, child = mujoco.MjSpec(), mujoco.MjSpec.from_string(xml(CUBE, custom=JONSWAP))
+    parent.option.timestep = child.option.timestep
     parent.attach(child, prefix="boat/", frame=parent.worldbody.add_frame())
     settings = {"seed": 7, "boat/buoyancy_method": "linear"}
     buoyancy = Scene.load(parent, settings=settings).buoyancy
