@@ -226,14 +226,14 @@ def named_word(name: str, address: int) -> Callable[[], int]:
     llvmlite.binding.add_symbol(name, address)
 
     @intrinsic
-    def word(typingctx):
+    def symbol_address(typingctx):
         def codegen(context, builder, signature, args):
-            place = builder.module.globals.get(name)
-            if place is None:
-                place = ir.GlobalVariable(builder.module, WORD, name)
-                place.linkage = "external"
-            return builder.ptrtoint(place, WORD)
+            symbol = builder.module.globals.get(name)
+            if symbol is None:
+                symbol = ir.GlobalVariable(builder.module, WORD, name)
+                symbol.linkage = "external"
+            return builder.ptrtoint(symbol, WORD)
 
         return types.int64(), codegen
 
-    return word
+    return symbol_address

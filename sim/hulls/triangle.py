@@ -122,15 +122,15 @@ def clipped(corners, heads):
 
 @inline
 def clip_dry_part(ax, ay, az, bx, by, bz, cx, cy, cz, ea, eb, ec):
-    """What a straight clip subtracts from the corner sums of a triangle that the water cuts.
+    """What a straight clip subtracts from the force and torque sums of a triangle that the water
+    cuts, if the sums take the heads of its wet corners over the whole triangle.
 
-    Corner a is the only wet corner or the only dry corner. The waterline crosses the edges ab and
-    ac at p and q, where the head, linear along each edge, is zero. A sum of the closed form over
-    the wet corners counts their heads over the whole triangle. In both cases the excess over the
-    wet piece is
+    e_a, e_b, e_c are the heads, positive under water; S is the area vector. Corner a is the only
+    wet corner or the only dry corner. The waterline crosses the edges ab and ac at p and q, where
+    the head, linear along each edge, is zero. With one wet or one dry corner alike, the amount is
 
-        |e_a| / 3  (1 - t_b t_c)                                  times S, and
-        |e_a| / 12 [ (2a + b + c) - (2a + p + q) t_b t_c ]        x S,
+        |e_a| / 3  (1 - t_b t_c)                                  times S (force), and
+        |e_a| / 12 [ (2a + b + c) - (2a + p + q) t_b t_c ]        crossed with S (torque),
 
     where t_b and t_c are the shares of the edges from a to p and from a to q. Returns the factor of
     S and the vector to be crossed with S.

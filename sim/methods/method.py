@@ -50,8 +50,9 @@ class Part(NamedTuple):
 
 
 def pose_arrays(position: ArrayLike, rotation: ArrayLike, time: float) -> tuple[Array, Array, bool]:
-    """A pose as kernels take it, (3,) and (9,), and whether it and the time are finite. Raises
-    ValueError for other shapes and for what is no rotation."""
+    """Convert a pose to the arrays that kernels expect, (3,) and (9,), and tell whether the pose and
+    the time are finite. Raises ValueError for a wrong shape, or if the rotation is not a rotation
+    matrix."""
     position = np.ascontiguousarray(position, dtype=float)
     rotation = np.ascontiguousarray(rotation, dtype=float)
     if position.shape != (3,):

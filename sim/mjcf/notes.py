@@ -121,7 +121,8 @@ def _about_floors(
 
 
 def _top(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float | None:
-    """Height [m] of the top of a geom that can be a floor; None for other geoms."""
+    """World height [m] of the highest point of a level plane, a level height field or a box; None
+    for any other geom."""
     kinds, up = mujoco.mjtGeom, data.geom_xmat[geom].reshape(3, 3)[2]
     height, kind = float(data.geom_xpos[geom, 2]), model.geom_type[geom]
     if kind == kinds.mjGEOM_PLANE:

@@ -43,8 +43,8 @@ def sea_of(
     sections: Sequence[tuple[str, Numerics, Texts]],
     faults: Faults,
 ) -> Sea | None:
-    """The common sea of all sections of a model with fields of the water. sections: prefix,
-    numerics and texts of each. None if there is a fault."""
+    """The one sea that all sections with water fields agree on; the default sea if none has any; None
+    if no section can be read. sections: prefix, numerics and texts of each."""
     seas: list[tuple[str, Sea]] = []
     for prefix, numerics, texts in sections:
         has_water = any(name.startswith(WATER_PREFIXES) for name in (*numerics, *texts))
@@ -57,7 +57,7 @@ def sea_of(
         if sea != seas[0][1]:
             with faults.collected():
                 raise ValueError(
-                    f"two different seas: of {_owner(seas[0][0])} and of {_owner(prefix)}; give "
+                    f"{_owner(seas[0][0])} and {_owner(prefix)} define two different seas; give "
                     "both the same custom water, wave and sea elements, or remove them from one"
                 )
     return seas[0][1] if seas else None

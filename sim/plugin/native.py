@@ -285,7 +285,8 @@ def content_of(context, model):
 
 @kernel
 def add_up(tables, state, wrenches, totals_out):
-    """Sum the hulls' wrenches (H, 6) over each body, about its centre of mass: (B, 6)."""
+    """For each body, sum the wrenches (H, 6) of its hulls about its centre of mass: totals_out (B,
+    6)."""
     floats, bodies, centres, places = tables.floats, tables.bodies, state.centres, state.places
     for b in range(bodies.size):
         i = bodies[b].body
@@ -540,7 +541,8 @@ def resist_at(address, model, data, wrenches, totals, only_drag):
 
 @c_function
 def push_at(address, model, data, wrenches):
-    """Wrenches (H, 6) of buoyancy of all hulls, about their geoms' places."""
+    """Write the buoyancy of every hull, about its geom's position, into wrenches (H, 6); NaN if the
+    pose or the time is not finite."""
     context = context_at(address)
     tables, state = tables_of(context), state_of(context, data)
     time, found = float_at(data + context.layout.time), floats_at(wrenches, (context.hulls, 6))

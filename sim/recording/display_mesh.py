@@ -102,7 +102,11 @@ class DisplayMeshes:
 def _display_mesh(
     buoyancy: Buoyancy, geom: FloatingGeom, first: int, hue: float
 ) -> tuple[DisplayMesh, Array, Indices]:
-    """The drawn surface of a hull whose vertices begin at `first`, and its refined surface."""
+    """Build the mesh that is drawn for a hull. Returns it with its refined vertices and faces.
+
+    first: index of its first vertex among the vertices of all hulls. hue: shift of the colour's hue,
+    as a share of the circle of hues.
+    """
     hull = geom.method.hull
     edge = hull.length / EDGES_PER_LENGTH
     vertices, faces = refined(hull.vertices, hull.faces, edge)

@@ -183,8 +183,8 @@ class Drag:
     def wrench(
         self, position: ArrayLike, rotation: ArrayLike, velocity: ArrayLike, time: float
     ) -> Array:
-        """Drag (6,) [N, N m] about the position, in world axes, without the angular rate, the
-        damping matrix and the added mass.
+        """Surface drag (6,) [N, N m] about the position, in world axes. The damping matrix, the
+        decay of the angular momentum and the added mass are not included.
 
         position (3,) [m], rotation (3, 3) or (9,): pose of the hull frame; velocity (6,) [m/s,
         rad/s]: linear velocity of its origin, then angular velocity, in world axes; time [s].

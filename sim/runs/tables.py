@@ -20,7 +20,8 @@ def check_ending(path: Path) -> None:
 
 
 def write_columns(path: Path, columns: Mapping[str, Column], ending: str | None = None) -> None:
-    """Write columns of equal length, in the format of `ending` if given. Raises OSError."""
+    """Write columns of equal length as .csv, .parquet or .npz, chosen by `ending`, or by the path's
+    suffix. Raises OSError."""
     kind = (ending or path.suffix).lower()
     columns = {name: np.asarray(column) for name, column in columns.items()}
     if kind == ".parquet":
