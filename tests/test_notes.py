@@ -339,7 +339,7 @@ def test_an_attached_model_floats_in_its_own_sea():
 def test_two_different_seas_are_refused():
     same = '<numeric name="water_density" data="1025"/>' + WAVES
     assert len(Buoyancy.of(attached(own=same)).sea.waves) == 3
-    with pytest.raises(ModelError, match="the model itself and .* define two different seas"):
+    with pytest.raises(ModelError, match=r"the model itself and .* define two different seas"):
         attached(own='<numeric name="wave_a" data="0.1 3 0 0"/>')
 
 

@@ -50,9 +50,9 @@ class Part(NamedTuple):
 
 
 def pose_arrays(position: ArrayLike, rotation: ArrayLike, time: float) -> tuple[Array, Array, bool]:
-    """Convert a pose to the arrays that kernels expect, (3,) and (9,), and tell whether the pose and
-    the time are finite. Raises ValueError for a wrong shape, or if the rotation is not a rotation
-    matrix."""
+    """Convert a pose to the arrays that kernels expect, (3,) and (9,), and tell whether the pose
+    and the time are finite. Raises ValueError for a wrong shape, or if the rotation is not a
+    rotation matrix."""
     position = np.ascontiguousarray(position, dtype=float)
     rotation = np.ascontiguousarray(rotation, dtype=float)
     if position.shape != (3,):

@@ -43,8 +43,8 @@ def sea_of(
     sections: Sequence[tuple[str, Numerics, Texts]],
     faults: Faults,
 ) -> Sea | None:
-    """The one sea that all sections with water fields agree on; the default sea if none has any; None
-    if no section can be read. sections: prefix, numerics and texts of each."""
+    """The one sea that all sections with water fields agree on; the default sea if none has any;
+    None if no section can be read. sections: prefix, numerics and texts of each."""
     seas: list[tuple[str, Sea]] = []
     for prefix, numerics, texts in sections:
         has_water = any(name.startswith(WATER_PREFIXES) for name in (*numerics, *texts))

@@ -104,8 +104,8 @@ def _display_mesh(
 ) -> tuple[DisplayMesh, Array, Indices]:
     """Build the mesh that is drawn for a hull. Returns it with its refined vertices and faces.
 
-    first: index of its first vertex among the vertices of all hulls. hue: shift of the colour's hue,
-    as a share of the circle of hues.
+    first: index of its first vertex among the vertices of all hulls. hue: shift of the colour's
+    hue, as a share of the circle of hues.
     """
     hull = geom.method.hull
     edge = hull.length / EDGES_PER_LENGTH
