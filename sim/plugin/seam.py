@@ -199,7 +199,7 @@ def _notice_of_compiling() -> Iterator[None]:
 
 @cache
 def _print_notice() -> None:
-    text = "waterline: compiling its kernels, which takes a minute or two, once on this machine"
+    text = "waterline: compiling its kernels, which takes about a minute, once on this machine"
     print(text, file=sys.stderr, flush=True)
 
 
