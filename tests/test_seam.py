@@ -637,4 +637,4 @@ def test_ctrl_c_ends_reading_a_model(monkeypatch):
 
     monkeypatch.setattr(seam, "read_model", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        afloat(CUBE.replace("512.5", "317.25"))  # no other test has this model
+        afloat(custom='<numeric name="water_level" data="-0.0517"/>')  # in no other test
