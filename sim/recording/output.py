@@ -2,7 +2,6 @@
 
 import atexit
 import ctypes
-import fcntl
 import os
 import socket
 import sys
@@ -12,6 +11,11 @@ from typing import NoReturn
 
 import rerun as rr
 import rerun.blueprint as rrb
+
+try:
+    import fcntl
+except ImportError:  # Windows, where recordings are not locked
+    fcntl = None
 
 VIEWER_PORT = 9876
 """Default port of a Rerun viewer."""
@@ -114,7 +118,8 @@ def _locked(path: Path) -> FileIO:
     """The open file, locked against other runs. Raises OSError."""
     file = path.open("ab", buffering=0)
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         file.close()
         raise OSError(f"{path} is being written by another run; give another name") from None
