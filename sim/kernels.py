@@ -1,24 +1,24 @@
 """Kernels: how the package's loops are compiled, and the blocks of tables that they read.
 
-What holds for every kernel of the package:
+Conventions of all kernels:
 
-- Contraction (fused multiply-add) is the only liberty the compiler gets. Full fastmath would break
-  the range reduction of phases and make isnan(nan) false. Only a `summing_kernel` may also add in
-  any order, because only so do long sums vectorise.
-- No kernel touches Python objects, so all of them release the interpreter's lock.
-- Tables are record arrays with named fields. A row of a table is a pointer: it costs nothing. A
-  view of an array is counted as a reference, so loops that branch index arrays instead.
-- Outputs come last and end in `_out`; a kernel whose name begins with `add_` or `subtract_` adds
-  to what is there.
-- Workspaces are tables with one row, whose fields are arrays. A row does not keep its table alive,
-  so it is taken only by kernels that are given the workspace, not by the one that makes it.
-- A kernel is compiled once for each type of its arguments, so it gets the same types everywhere:
-  `row.field[:]` for an array, because a field has a type of its own, and a NumPy integer for a
-  constant, because each Python integer has one.
-- Each kernel compiles everything below it again, so there are few levels. Array expressions, sorts
-  and assignments of arrays take a second or more to compile; loops do not.
-- Compiled code is kept in the user's cache folder, under a stamp of the sources of all kernels:
-  numba by itself looks at the file of a kernel, and not at those of the kernels that it calls.
+- The compiler may contract (fuse a multiplication and an addition), and nothing else. Full fastmath
+  would break the range reduction of phases and make isnan(nan) false. Only a `summing_kernel` may
+  also reorder sums, because long sums vectorise in no other way.
+- No kernel uses Python objects, so all kernels release the interpreter's lock.
+- Tables are record arrays with named fields. A row of a table is a pointer and costs nothing. A
+  view of an array is reference-counted, so loops with branches index arrays instead.
+- Output arguments come last and end in `_out`. A kernel named `add_...` or `subtract_...` adds to
+  the values that it finds there.
+- A workspace is a table with one row, whose fields are arrays. A row does not keep its table alive,
+  so only a kernel that receives the workspace takes its row, not the kernel that makes it.
+- A kernel is compiled once for each combination of argument types, so callers pass the same types
+  everywhere: `row.field[:]` for an array, because a field has its own type, and a NumPy integer for
+  a constant, because each Python integer constant has its own type.
+- Compiling a kernel compiles all kernels below it again, so there are few levels. Array
+  expressions, sorts and assignments of arrays take a second or more to compile; loops do not.
+- Compiled code is kept in the user's cache folder, under a stamp of the sources of all kernels.
+  numba's own check covers only the file of a kernel, not the files of the kernels that it calls.
 """
 
 import ctypes
@@ -51,17 +51,17 @@ intrinsic: Any = typed_intrinsic
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 CACHE_LINE = 64
-"""Bytes. Tables of a block begin at a line, and with them each node and leaf of a tree."""
+"""Alignment [bytes] of the tables in a block, and so of each node and leaf of a tree."""
 
 MOST_TABLES = 10
-"""Tables that a block has room for in its directory."""
+"""Largest number of tables in a block."""
 
 DIRECTORY = 16 * MOST_TABLES
-"""Bytes at the start of a block: where each table begins and where it ends."""
+"""Size [bytes] of the directory at the start of a block: begin and end of each table."""
 
 
 def _stamp_of_sources() -> str:
-    """A name for the state of all kernels' sources, and of the compiler."""
+    """A hash of the sources of all kernels and of numba's version."""
     digest = sha256(numba.__version__.encode())
     for path in sorted(Path(__file__).parent.rglob("*.py")):
         content = path.read_bytes()
@@ -71,7 +71,7 @@ def _stamp_of_sources() -> str:
 
 
 CACHE = Path(config.CACHE_DIR or user_cache_dir()).absolute() / "waterline" / _stamp_of_sources()
-"""Compiled code is kept here. Other sources have another folder, so stale code cannot be loaded."""
+"""Folder of the compiled code. Other sources have another folder, so stale code is never loaded."""
 
 
 class _KeptCode(FunctionCache):
@@ -93,8 +93,8 @@ class _KeptCode(FunctionCache):
 
 
 def _kept_code(function: Callable[..., Any]) -> FunctionCache | NullCache:
-    """The cache of a function in CACHE. Where that cannot be written numba would choose a folder
-    without a stamp, so nothing is kept then."""
+    """The cache of a function in CACHE. If CACHE cannot be written, nothing is kept, because numba
+    would choose another folder without a stamp."""
     users, config.CACHE_DIR = config.CACHE_DIR, str(CACHE)
     try:
         kept = _KeptCode(function)
@@ -126,10 +126,9 @@ def _compiled(function: Kernel, *liberties: str) -> Kernel:
 
 
 class CFunction:
-    """A kernel of whole numbers that C code may call, compiled when it is first asked for.
+    """A kernel with integer arguments that C code may call. It is compiled at its first use.
 
-    call: it, as a ctypes function, which MuJoCo takes for a callback; address: where it is. Called
-    from Python it releases the interpreter's lock.
+    call: the ctypes function, which releases the interpreter's lock. address: its address.
     """
 
     def __init__(self, function: Callable[..., Any], returns_number: bool) -> None:
@@ -161,17 +160,17 @@ class CFunction:
 
 
 def c_function(function: Callable[..., None]) -> CFunction:
-    """A kernel with whole numbers as arguments and no result, for C code to call."""
+    """Make a CFunction without a result."""
     return CFunction(function, returns_number=False)
 
 
 def c_query(function: Callable[..., int]) -> CFunction:
-    """The same with a whole number as its result."""
+    """Make a CFunction that returns an integer."""
     return CFunction(function, returns_number=True)
 
 
 def address_of(compiled: Any, *arguments: Any) -> int:
-    """Where the code of a kernel is that takes such arguments, for `addresses.call_kernel`."""
+    """The address of a kernel's code for arguments of these types, for `addresses.call_kernel`."""
     signature = tuple(map(typeof, arguments))
     compiled.compile(signature)
     found = compiled.overloads[signature]
@@ -184,7 +183,7 @@ def kernel(function: Kernel) -> Kernel:
 
 
 def summing_kernel(function: Kernel) -> Kernel:
-    """Compile a function that may add up in any order."""
+    """Compile a function whose sums may be reordered."""
     return _compiled(function, "contract", "reassoc")
 
 
@@ -194,8 +193,8 @@ inline: Any = njit(inline="always")
 
 @contextmanager
 def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
-    """Call `tell` when the first kernel begins to be compiled in a block; one that is found among
-    those that are kept is not."""
+    """A block in which `tell` is called when the first kernel is compiled. Loading a kept kernel
+    does not count."""
     with event.install_listener("numba:compile", _FirstOne(tell)):
         yield
 
@@ -214,14 +213,14 @@ class _FirstOne(event.Listener):
 
 
 def record(**fields: Any) -> np.dtype[np.void]:
-    """Type of a table's rows: for each field a scalar type, or such a type and a shape."""
+    """The type of a table's rows. Each field is a scalar type, or a scalar type and a shape."""
     kinds = (kind if isinstance(kind, tuple) else (kind,) for kind in fields.values())
     return np.dtype([(name, *kind) for name, kind in zip(fields, kinds, strict=True)], align=True)
 
 
 def packed(*tables: NDArray[Any]) -> NDArray[np.uint8]:
-    """A read-only block of bytes with all these tables, for `table` to find them in: each argument
-    handed to a kernel costs a tenth of a microsecond."""
+    """Pack tables into one read-only block of bytes, which `table` reads. One block is cheaper than
+    many arguments: each argument of a kernel costs a tenth of a microsecond."""
     starts, room = [], -(-DIRECTORY // CACHE_LINE) * CACHE_LINE
     for each in tables:
         starts.append(room)
@@ -238,14 +237,14 @@ def packed(*tables: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """The array, closed to changes: kernels would else be compiled for both kinds."""
+    """Make an array read-only, and return it. Kernels are compiled anew for writable arrays."""
     array.setflags(write=False)
     return array
 
 
 @intrinsic
 def table(typingctx, block, i, dtype):
-    """Table number i of a block: an array of records of a type."""
+    """Table number i of a block, as an array of records of a type."""
     kind = types.Array(dtype.dtype, 1, "C", readonly=True)
 
     def codegen(context, builder, signature, args):

@@ -136,7 +136,7 @@ def test_the_tide_lifts_the_water_and_floating_bodies():
         (dict(ramp=-1.0), "ramp is -1.0 s; it must be finite and 0 or more"),
         (dict(tide=[(0.0, 1.0)]), "the tide has 1 levels; expected 2 to 16"),
         (dict(tide=[(0.0, 1.0), (0.0, 2.0)]), "the tide's times must rise"),
-        (dict(tide=[(0.0, 1.0), (1.0, np.inf)]), "all of its numbers be finite"),
+        (dict(tide=[(0.0, 1.0), (1.0, np.inf)]), "all of its numbers must be finite"),
     ],
 )
 def test_impossible_numbers_are_refused(numbers, message):

@@ -39,7 +39,7 @@ SHAPE = record(low=("f8", 3), high=("f8", 3), reach="f8", samples="i8", crests_o
 
 
 class Surface(NamedTuple):
-    """Tables of a hull, as its block has them."""
+    """The tables of a hull in a block."""
 
     vertices: NDArray[np.void]
     faces: NDArray[np.void]
@@ -101,7 +101,7 @@ def surface_tables(hull: Hull) -> Surface:
 
 @inline
 def unpacked(block):
-    """Surface, waves and water of a block."""
+    """The Surface, the waves and the water in a block."""
     surface = Surface(table(block, 0, VERTEX), table(block, 1, FACE), table(block, 2, SHAPE))
     return surface, table(block, 3, WAVE), table(block, 4, WATER)
 

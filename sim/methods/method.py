@@ -1,4 +1,4 @@
-"""Method: what every way to turn (hull, sea, pose, time) into a wrench has in common."""
+"""Method: the common interface of all ways to compute a wrench from hull, sea, pose and time."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -18,16 +18,16 @@ Table = NDArray[np.void]
 Kernel = Callable[[Block, Table, Array, Array, float, Array], None]
 
 ROTATION_ERROR = 1e-6
-"""Of the products of a rotation's columns, as quaternions in single precision leave them."""
+"""Largest error of the products of a rotation's columns; single-precision quaternions leave
+less."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The fields of a scene that concern its methods, by their names. A method ignores those that
-    it has no use for.
+    """The fields of a scene for its methods. A method ignores fields that it does not use.
 
-    buoyancy_tolerance [m of water height], None for the method's own default; chord_samples: points
-    on each chord; reference_tolerance [of density * gravity * volume].
+    buoyancy_tolerance [m of water height]: None for the method's default. chord_samples: points on
+    each chord. reference_tolerance: a share of density * gravity * volume.
     """
 
     buoyancy_tolerance: float | None = None
@@ -36,13 +36,14 @@ class Settings:
 
 
 PLACE = record(pose="i8", row="i8")
-"""Where a hull of many finds its pose and leaves its wrench: rows of the arrays of both. No two
-hulls have the same row of the wrenches."""
+"""The rows of a hull in the arrays of poses and of wrenches. No two hulls share a row of
+wrenches."""
 
 
 class Part(NamedTuple):
-    """Hulls that one call of a kernel computes: the kernel, its block of tables (`kernels.packed`),
-    which nothing changes, and the hulls' places (PLACE, or records that have those fields too)."""
+    """The hulls of one call of a kernel: the kernel, its read-only block of tables
+    (`kernels.packed`), and the hulls' places (PLACE records, or records that include its
+    fields)."""
 
     kernel: Kernel
     block: Block
@@ -74,7 +75,8 @@ FINE, UNKNOWN, DISTORTED = range(3)
 
 @kernel
 def pose_state(position, rotation, time):
-    """Whether a pose (3,), (9,) and a time are FINE, not finite, or the rotation is none."""
+    """FINE, UNKNOWN for a pose (3,), (9,) or time that is not finite, or DISTORTED for a matrix
+    that is not a rotation."""
     if not is_known(position, rotation, time):
         return UNKNOWN
     return DISTORTED if is_distorted(rotation) else FINE
@@ -82,7 +84,7 @@ def pose_state(position, rotation, time):
 
 @kernel
 def is_distorted(r):
-    """Whether a matrix (9,) is none of a rotation."""
+    """Whether a matrix (9,) is not a rotation."""
     x = r[0] * r[4] * r[8] + r[1] * r[5] * r[6] + r[2] * r[3] * r[7]
     x -= r[2] * r[4] * r[6] + r[1] * r[3] * r[8] + r[0] * r[5] * r[7]
     worst = abs(x - 1.0)
@@ -105,12 +107,12 @@ def is_known(position, rotation, time):
 
 
 class Method(ABC):
-    """A way to compute the water's wrench on a hull in a sea; no state changes from call to call.
+    """A way to compute the water's wrench on a hull in a sea. A method has no state.
 
-    A class of your own needs `wrench`. With an entry in `METHODS`, scenes may name it.
+    Your own subclass needs only `wrench`. With an entry in `METHODS`, scenes may name it.
 
-    tolerance [m of water height]: what it keeps, None for a method that has no use for a scene's;
-    notes: what could not be done as it was wished, a sentence each.
+    tolerance [m of water height]: the tolerance that the method keeps; None for a method without
+    one. notes: sentences about requests that the method could not follow exactly.
     """
 
     tolerance: float | None = None
@@ -122,11 +124,11 @@ class Method(ABC):
 
     @abstractmethod
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
-        """Force [N] and torque [N m] about the position, world axes: (6,).
+        """Force [N] and torque [N m] about the position, in world axes: (6,).
 
-        position: (3,) [m], the hull frame's origin in the world; rotation: (3, 3) or (9,),
-        hull -> world; time [s]. Raises ValueError for other shapes and for what is no rotation;
-        a pose or a time that is not finite gives NaN.
+        position (3,) [m]: the hull frame's origin in the world. rotation (3, 3) or (9,): hull axes
+        to world axes. time [s]. A pose or time that is not finite gives NaN. Raises ValueError for
+        a wrong shape, or if the rotation is not a rotation matrix.
         """
 
     @classmethod
@@ -136,16 +138,17 @@ class Method(ABC):
 
 
 class Compiled(Method):
-    """A method that is a kernel.
+    """A method whose wrenches are computed by a kernel.
 
-    The kernel takes a block, places, positions (P, 3), rotations (P, 9), time and wrenches_out
-    (H, 6), and writes the rows that the places name. The poses and the time must be finite.
+    The kernel takes a block, places, positions (P, 3), rotations (P, 9), a time and wrenches_out
+    (H, 6), and writes the rows of the places. The poses and the time must be finite.
     """
 
     @classmethod
     @abstractmethod
     def parts(cls, methods: Sequence[Self], places: Table) -> list[Part]:
-        """Parts with all hulls, which are in one sea, at their places (H,), PLACE."""
+        """Parts with all hulls of these methods, which share one sea. places (H,): PLACE
+        records."""
 
     def wrench(self, position: ArrayLike, rotation: ArrayLike, time: float) -> Array:
         time = float(time)
@@ -157,13 +160,13 @@ class Compiled(Method):
         return wrenches[0]
 
     def _prepare(self) -> None:
-        """Prepare `wrench`, when everything that the part is made of is there."""
+        """Prepare `wrench`. A subclass calls it at the end of its `__init__`."""
         (self._alone,) = self.parts([self], np.zeros(1, PLACE))
 
 
 def parts_of(methods: Sequence[Method], poses: Sequence[int]) -> list[Part]:
-    """Parts with all hulls whose methods are Compiled. Hull i finds its pose in row poses[i] of the
-    poses and leaves its wrench in row i of the wrenches."""
+    """Parts with all hulls whose methods are Compiled. Hull i has its pose in row poses[i], and its
+    wrench in row i."""
     places = np.array(list(zip(poses, range(len(methods)), strict=True)), PLACE)
     alike: dict[tuple[type[Compiled], int], list[tuple[int, Compiled]]] = {}
     for i, method in enumerate(methods):

@@ -473,8 +473,8 @@ def add_damping(surface, strength, work, factor, damping_out):
 
 @kernel
 def solve_elements(surface, strength, flow, work, labels_out):
-    """Heights of the water above the elements and the LABELS there, and then their depths and wet
-    areas; returns the sum of these."""
+    """Compute the height of the water above each element and its LABELS, then the depth and wet
+    area of each element. Returns the sum of the wet areas."""
     e, guess, residual, steps = work[0], np.empty(1, LABELS), strength.residual, strength.steps
     x, y, heights = e.x[:], e.y[:], e.height[:]
     set_labels(x, y, guess)
@@ -502,7 +502,7 @@ def add_hull_drag(surface, strength, factor, work, wrench_out, damping_out):
 
 @kernel
 def write_drag(surface, strength, flow, position, rotation, velocity, wrench_out):
-    """A single hull's drag (6,), all along the axes of its frame."""
+    """Compute the drag (6,) of one hull, in the axes of its frame."""
     pose, damping = Pose(position, rotation), np.zeros((6, 6))
     work, labels, motion = np.empty(1, WORK), np.empty(1, LABELS), np.empty(1, MOTION)
     wrench_out[:] = 0.0

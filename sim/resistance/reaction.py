@@ -107,7 +107,7 @@ def subtract_turning(velocity, water, rate_out):
 
 @kernel
 def add_added_mass(fraction, growth, factor, hull, reaction_out):
-    """Add a hull's added mass. growth [1/s]: of the submerged fraction."""
+    """Add the forces of a hull's added mass. growth [1/s]: rate of the submerged fraction."""
     r, velocity, known, momentum = reaction_out[0], np.empty(6), np.empty(6), np.zeros(6)
     for i in range(6):
         velocity[i], known[i] = r.velocity[i] - r.water[i], r.pull[i] - r.bias[i]

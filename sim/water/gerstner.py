@@ -183,14 +183,14 @@ smooth_step = inline(smooth)
 
 @inline
 def growth(wave, time):
-    """Which part of its height a wave has at a time."""
+    """The share of its amplitude that a wave has at a time."""
     return 1.0 if wave.rise == 0.0 else smooth_step(min(max(wave.rise * time, 0.0), 1.0))
 
 
 @inline
 def level_and_rise(water, time):
-    """The still level [m] at a time, and how fast it rises [m/s]: along straight lines between the
-    times that have one of their own."""
+    """The still level [m] at a time and its rate of rise [m/s]; linear between the times of the
+    tide."""
     level, rise = water.level, 0.0
     for i in range(water.tides):
         last = i == water.tides - 1

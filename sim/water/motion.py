@@ -14,7 +14,8 @@ MOTION = record(x=ROW, y=ROW, z=ROW)
 """Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points."""
 
 VELOCITY, ACCELERATION = np.int64(0), np.int64(1)
-"""Orders of a motion. (For Python's numbers `water_motion` would be compiled twice.)"""
+"""Orders of a motion. NumPy integers, because each Python integer would compile `water_motion`
+again."""
 
 
 @kernel

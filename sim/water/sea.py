@@ -1,7 +1,6 @@
-"""Sea: the water as a sum of Gerstner waves, from arrays to arrays.
+"""Sea: the public class of the water, a sum of Gerstner waves, with its checks and units.
 
-The formulas and the solver are in `gerstner`, `head` and `jets`; here is the public class, its
-checks and its units.
+The formulas and the solver are in `gerstner`, `head` and `jets`.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -34,8 +33,8 @@ Table = NDArray[np.void]
 DEFAULT_PRESSURE = "froude-krylov"
 
 ELEVATION_ERROR = 1e-13
-"""Error [m] that the solver leaves in an elevation, apart from the round-off of the position. It
-sets the residual at which a label counts as found."""
+"""Error [m] of an elevation from the solver, besides the round-off of the position. It sets the
+residual at which the solver stops."""
 
 
 MOVING_JET = record(jet=JET, velocity=("f8", 3))
@@ -56,21 +55,21 @@ class Surface(NamedTuple):
 class Sea:
     """A sum of Gerstner waves over still water at `level` [m].
 
-    waves: any number, none for flat water; density [kg/m^3]; gravity [m/s^2], downwards; pressure:
-    "froude-krylov", where that of the waves decays with depth, or "hydrostatic" (see `head`);
-    current: velocity of all of the water, 2 or 3 numbers [m/s], on which the waves ride; ramp [s]:
-    in which the waves grow smoothly from nothing at time 0; tide: pairs of a time [s] and the level
-    [m] there, in rising order, with straight lines between them, instead of one level.
-    `level` is the mean of the particles' heights; that of the surface over places, and of the water
-    that deep bodies feel, lies sum k a^2 / 2 below it, because crests are narrow. Positions are
-    world coordinates [m], times [s]; x, y, z and time broadcast. Immutable. Raises ValueError for
-    waves that fold and unusable numbers.
+    waves: none for flat water. density [kg/m^3]. gravity [m/s^2], downwards. pressure:
+    "froude-krylov", in which the pressure of the waves decays with depth, or "hydrostatic" (see
+    `head`). current: velocity of all of the water, 2 or 3 numbers [m/s]; the waves travel on it.
+    ramp [s]: time in which the waves grow smoothly from nothing, from time 0. tide: pairs of a time
+    [s] and a level [m] in rising order, linear in between, instead of one level.
 
-    steepness: sum of k a over the waves; worst_steepness: the same, or `wave.SIGMAS` standard
-    deviations of such sums where that is less, the surface is a graph below 1; amplitude [m]: the
-    same of the amplitudes, no crest rises and no trough falls further from the level; components:
-    the waves as kernels read them (`gerstner.WAVE`); water: all else that they need
-    (`gerstner.WATER`).
+    `level` is the mean height of the particles. Crests are narrow, so the mean height of the
+    surface over places, and the level that deep bodies feel, lie sum k a^2 / 2 below it. Positions
+    are world coordinates [m], times are in seconds; x, y, z and time broadcast. A sea is immutable.
+    Raises ValueError for waves that fold and for unusable numbers.
+
+    steepness: sum of k a over the waves. worst_steepness: that sum, or `wave.SIGMAS` standard
+    deviations of it if that is less; the surface is a graph below 1. amplitude [m]: likewise for
+    the amplitudes; no crest or trough lies further from the level. components, water: tables for
+    kernels (`gerstner.WAVE`, `gerstner.WATER`).
     """
 
     waves: tuple[Wave, ...] = ()
@@ -127,7 +126,7 @@ class Sea:
         self._set(water=self._water())
 
     def _water(self) -> Table:
-        """All that kernels need besides the waves, WATER."""
+        """The WATER table: everything that kernels need besides the waves."""
         water = np.zeros(1, WATER)
         row = water[0]
         row["level"], row["amplitude"] = self.level, self.amplitude
@@ -144,7 +143,7 @@ class Sea:
             object.__setattr__(self, name, value)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """For pickles and deep copies, whose tables could else be written to."""
+        """Make the tables of pickles and deep copies read-only, too."""
         self.__dict__.update(state)
         read_only(self.components)
         read_only(self.water)
@@ -165,17 +164,17 @@ class Sea:
     ) -> "Sea":
         """An irregular sea with the JONSWAP spectrum (see `spectrum`).
 
-        significant_height [m], 4 sqrt(m0); peak_period [s]; gamma: peak enhancement, 1 for a
-        fully developed sea; heading, spread [rad], waves and seed: how it is cut into waves (see
-        `Spectrum.waves`); gravity [m/s^2] and others: as for any Sea. Raises ValueError for numbers
-        that cannot be and for waves that fold.
+        significant_height [m]: 4 sqrt(m0). peak_period [s]. gamma: peak enhancement, 1 for a fully
+        developed sea. heading, spread [rad], waves, seed: how the spectrum is divided into waves
+        (see `Spectrum.waves`). gravity [m/s^2] and others: as for Sea. Raises ValueError for
+        numbers out of bounds and for waves that fold.
         """
         spectrum = jonswap(significant_height, peak_period, gamma)
         return cls(spectrum.waves(heading, spread, waves, seed, gravity), gravity=gravity, **water)
 
     def _residual_tolerance(self) -> float:
-        """Residual [m] that leaves ELEVATION_ERROR once its first-order effect is made up for: a
-        residual r then costs r^2/2 times the curvature."""
+        """The residual [m] that causes ELEVATION_ERROR. Its first-order effect is corrected, so a
+        residual r costs r^2/2 times the curvature."""
         curvature = self.curvature_bound
         return float(np.sqrt(2.0 * ELEVATION_ERROR / curvature)) if curvature > 0.0 else np.inf
 
@@ -205,8 +204,8 @@ class Sea:
     def elevation(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:
         """Height z of the surface [m] above the points (x, y) at a time.
 
-        Solved to ELEVATION_ERROR at any steepness the sea can have, plus the round-off of the
-        position itself; NaN where an input is not finite.
+        The error is ELEVATION_ERROR at any possible steepness, plus the round-off of the position.
+        An input that is not finite gives NaN.
         """
 
         def solve(time: float, x: Array, y: Array) -> Array:
@@ -218,18 +217,18 @@ class Sea:
 
     @property
     def hydrostatic(self) -> "Sea":
-        """The same water with hydrostatic pressure, whose heads are depths below the surface."""
+        """The same sea with hydrostatic pressure, whose heads are depths below the surface."""
         return self.with_pressure("hydrostatic")
 
     def with_pressure(self, pressure: str) -> "Sea":
-        """The same water with a pressure of another name. Raises ValueError."""
+        """The same sea with another pressure. Raises ValueError."""
         if pressure == self.pressure:
             return self
         return replace(self, pressure=pressure)
 
     def head(self, x: ArrayLike, y: ArrayLike, z: ArrayLike, time: ArrayLike) -> Array:
-        """Pressure of the water over density * gravity [m] at places (x, y, z) at a time: positive
-        below the surface, zero on it, negative above; as right as an elevation (see `head`)."""
+        """Head [m], the pressure over density * gravity, at points (x, y, z) at a time: positive
+        below the surface, zero on it, negative above. Its error is that of an elevation."""
 
         def solve(time: float, x: Array, y: Array, z: Array) -> Array:
             heads = np.empty(x.size)
@@ -239,7 +238,7 @@ class Sea:
         return _per_time(solve, time, x, y, z)
 
     def surface(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Surface:
-        """Elevation, gradient, Hessian and the water's velocity, all from one solve."""
+        """Elevation, gradient, Hessian and velocity of the water at the surface, from one solve."""
 
         def solve(time: float, x: Array, y: Array) -> Table:
             found, tolerance = np.empty(x.size, MOVING_JET), float(self.water["tolerance"][0])
@@ -281,7 +280,7 @@ class Sea:
 
 
 def checked_current(current: Sequence[float]) -> tuple[float, float, float]:
-    """A velocity of 2 or 3 numbers [m/s] as three. Raises ValueError."""
+    """A velocity of 2 or 3 numbers [m/s] as 3 numbers. Raises ValueError."""
     values = np.asarray(current, dtype=float)
     if values.shape not in ((2,), (3,)) or not np.isfinite(values).all():
         raise ValueError(f"the current is {current}; expected 2 or 3 finite numbers [m/s]")
@@ -289,18 +288,18 @@ def checked_current(current: Sequence[float]) -> tuple[float, float, float]:
 
 
 def checked_tide(tide: Sequence[tuple[float, float]] | Array) -> tuple[tuple[float, float], ...]:
-    """Pairs of a time [s] and a level [m]. Raises ValueError."""
+    """A tide as pairs of a time [s] and a level [m]. Raises ValueError."""
     pairs = np.asarray(tide, dtype=float).reshape(-1, 2)
     if len(pairs) == 1 or len(pairs) > MOST_TIDES:
         raise ValueError(f"the tide has {len(pairs)} levels; expected 2 to {MOST_TIDES} pairs")
     if not np.isfinite(pairs).all() or not (np.diff(pairs[:, 0]) > 0.0).all():
-        raise ValueError("the tide's times must rise, and all of its numbers be finite")
+        raise ValueError("the tide's times must rise, and all of its numbers must be finite")
     return tuple((float(time), float(level)) for time, level in pairs)
 
 
 def _per_time(solve: Callable[..., Array | Table], time: ArrayLike, *places: ArrayLike) -> Any:
-    """Broadcast places and time, call solve(t, *places) with flat places once for every distinct
-    time (the kernels keep the time out of their inner loops) and put the result in shape."""
+    """Broadcast points and times, call solve(t, *points) with flat arrays once for every distinct
+    time, because kernels take one time, and reshape the result."""
     at, *points = (np.asarray(v, dtype=float) for v in (time, *places))
     is_one_time = at.size == 1
     if not (at.ndim == 0 and all(v.shape == points[0].shape for v in points)):

@@ -99,7 +99,8 @@ CUT = record(code="i8", opened="i8")
 
 
 class Water(NamedTuple):
-    """Tables of the sea, as a block has them: fitted waves for each tree, one after the other."""
+    """The tables of the sea in a block. `waves` holds the fitted waves of one tree after
+    another."""
 
     waves: Table
     water: Table
@@ -204,7 +205,7 @@ class Patches(Compiled):
 
 @inline
 def tree_of(block):
-    """Tables of the hulls of a block."""
+    """The tables of the hulls in a block."""
     return PatchTree(
         table(block, 0, PATCH),
         table(block, 1, NODE),
@@ -215,7 +216,7 @@ def tree_of(block):
 
 @inline
 def water_of(block):
-    """Tables of the sea of a block."""
+    """The tables of the sea in a block."""
     return Water(table(block, 4, WAVE), table(block, 5, WATER), table(block, 6, SOLVE))
 
 

@@ -431,7 +431,7 @@ def divide(order, starts, centres, corners, numbers, nodes_out, spans_out, first
 
 @kernel
 def set_box(chosen, corners, centre, node):
-    """The box around triangles, from a patch's centre, as a node's."""
+    """Set the box of a node: the bounds of the chosen triangles, relative to the patch's centre."""
     low, high = np.empty(3), np.empty(3)
     for x in range(3):
         low[x], high[x] = np.inf, -np.inf
@@ -519,8 +519,8 @@ def smallest(values, k):
 
 @kernel
 def widest_axis(spread):
-    """The eigenvector (3,) of the largest eigenvalue of a matrix (3, 3), nearly: powers become a
-    multiple of the projection onto it."""
+    """An approximate eigenvector (3,) of the largest eigenvalue of a matrix (3, 3). High powers of
+    the matrix approach a multiple of the projection onto it."""
     power, scaled = spread.copy(), np.empty((3, 3))
     for _ in range(AXIS_SQUARINGS):
         largest = SMALLEST_DIVISOR
