@@ -25,6 +25,8 @@ TIMES = {
     "wigley": 4.0,
     "topheavy": 0.85,
     "spar": 5.0,
+    "catamaran": 6.0,
+    "robot": 6.0,
     "articulated": 4.2,
     "spheres": 2.5,
 }

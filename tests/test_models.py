@@ -1,5 +1,7 @@
 """The scenes in models/: each runs at its timestep, and some match known results."""
 
+import warnings
+
 import make_scenes
 import mujoco
 import numpy as np
@@ -23,6 +25,24 @@ def test_each_scene_starts_at_its_keyframe_and_runs_at_its_timestep(path):
     highest = scene.buoyancy.sea.amplitude + 3.0
     assert (np.abs(last.centres[:, 2]) < highest).all()
     assert np.abs(scene.data.qvel).max() < 20.0
+
+
+def test_only_the_topheavy_scene_starts_with_a_note():
+    noted = {}
+    for path in MODELS.glob("*.xml"):
+        with warnings.catch_warnings(record=True) as notes:
+            warnings.simplefilter("always")
+            Scene.load(path)
+        noted[path.stem] = [str(note.message) for note in notes]
+    assert [name for name, notes in noted.items() if notes] == ["topheavy"]
+    assert "will turn over" in noted["topheavy"][0]
+
+
+@pytest.mark.parametrize("name", ["cube", "bunny", "dragon"])
+def test_ballast_keeps_the_heroes_upright(name):
+    scene = Scene.load(MODELS / f"{name}.xml")
+    up = [scene.data.body(name).xmat[8] for _ in simulate(scene, 10.0, rate=10.0)]
+    assert np.degrees(np.arccos(np.clip(up, -1.0, 1.0))).mean() < 20.0
 
 
 def test_generated_files_match_the_script():
