@@ -12,7 +12,7 @@ import pytest
 from scenes import CUBE, WAVES, afloat, model, xml
 
 from independent import DENSITY, GRAVITY, MODELS, status_of
-from sim import Buoyancy, ModelError, Note, Scene, hydrostatics
+from sim import Buoyancy, ModelError, Note, Scene, Sea, hydrostatics
 from sim.mjcf.geoms import geom_hull
 
 ROUND_OFF = 1e-9
@@ -341,6 +341,17 @@ def test_two_different_seas_are_refused():
     assert len(Buoyancy.of(attached(own=same)).sea.waves) == 3
     with pytest.raises(ModelError, match=r"the model itself and .* define two different seas"):
         attached(own='<numeric name="wave_a" data="0.1 3 0 0"/>')
+
+
+def test_without_water_fields_all_parts_float_in_the_default_sea():
+    assert Buoyancy.of(attached(sea="", own='<numeric name="drag" data="1 1 0"/>')).sea == Sea()
+
+
+def test_a_fault_elsewhere_does_not_hide_faults_of_floats():
+    bad = '<numeric name="drag_angular" data="inf"/>'
+    with pytest.raises(ModelError) as refused:
+        attached(sea=bad, own='<numeric name="buoyancy_unino" data="1"/>')
+    assert ["unino" in f or "angular" in f for f in refused.value.faults] == [True, True]
 
 
 def test_wrapped_models_as_in_dm_control_are_accepted():
