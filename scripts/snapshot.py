@@ -11,16 +11,13 @@ Exit status: 0 on success, 2 if no picture was made, 4 if it cannot be written, 
 
 import argparse
 import math
-import os
-import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import IO
@@ -30,6 +27,7 @@ from rerun.experimental import ViewerClient
 
 from command_line import Parser, check_outputs, failure, run_script, write_whole
 from sim.recording.reader import reader, whole
+from viewer_process import end_viewer, start_viewer
 
 TIMELINE = "time"
 """Name of the recording's timeline of simulated time."""
@@ -141,30 +139,6 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
-def start_viewer(port: int, width: int, height: int, log: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Start a viewer without a window. A child of the returned process draws.
-
-    The viewer is started by a command because ViewerClient.spawn cannot set the picture's size.
-    """
-    return subprocess.Popen(
-        [sys.executable, "-m", "rerun", "--headless", "--hide-welcome-screen"]
-        + ["--bind", "127.0.0.1", "--port", str(port), "--window-size", f"{width}x{height}"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=log,
-        # Logged messages would appear in the picture. Fatal errors are printed anyway.
-        env=os.environ | {"RUST_LOG": "off"},
-        # A new process group lets us end the process and its child together.
-        start_new_session=True,
-    )
-
-
-def end_viewer(process: subprocess.Popen[bytes]) -> None:
-    """Kill a viewer and its child. It has no data to save."""
-    with suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
-
-
 def connect(port: int, process: subprocess.Popen[bytes]) -> ViewerClient:
     """Wait until a new viewer answers and return a client of it."""
     while process.poll() is None:
@@ -199,7 +173,12 @@ def viewer(width: int, height: int, timeout: float) -> Iterator[ViewerClient]:
     port = free_port()
     deadline = time.monotonic() + timeout
     with tempfile.TemporaryFile() as log:
-        process = start_viewer(port, width, height, log)
+        # ViewerClient.spawn cannot set the picture's size.
+        process = start_viewer(
+            *("--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", str(port)),
+            *("--window-size", f"{width}x{height}"),
+            log=log,
+        )
         # Calls to a viewer that hangs return only when the viewer is killed.
         watchdog = threading.Timer(timeout, end_viewer, [process])
         try:

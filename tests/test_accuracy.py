@@ -10,12 +10,16 @@ from benchmarks.accuracy import errors, time_in_turns, wrenches
 from benchmarks.customary import Customary
 from benchmarks.seas import SEAS, waterline_poses
 from benchmarks.ship import SIZE, finer, ship, ship_costs
-from independent import MODELS, ROUND_OFF, load_mesh, status_of, three_waves
+from independent import GRAVITY, MODELS, ROUND_OFF, load_mesh, status_of, three_waves
 from sim import Chord, Hull, Linear, Reference, Sea
 from sim.runs.statistics import mean_of_correlated
+from sim.water.spectrum import bretschneider
 
 CUBE = Hull.from_trimesh(trimesh.creation.box(extents=(1.0, 1.0, 1.0)))
 SCRIPT = "benchmarks/speed_vs_error.py"
+
+INTERPOLATION = 1e-5
+"""Relative error of linear interpolation in the table of a spectrum."""
 
 
 def test_seas_have_the_steepness_of_the_reports():
@@ -23,6 +27,22 @@ def test_seas_have_the_steepness_of_the_reports():
     assert steepness["three"] == pytest.approx(0.43)
     assert steepness["forty"] == pytest.approx(0.72)
     assert [len(SEAS[name].waves) for name in ("swell", "three", "forty")] == [1, 3, 40]
+
+
+def test_the_forty_waves_are_a_wind_sea():
+    """Their energies are the spectrum's at their frequencies, and their headings' sines uniform."""
+    waves = SEAS["forty"].waves
+    lengths, amplitudes = np.array([(w.wavelength, w.amplitude) for w in waves]).T
+    frequencies = np.sqrt(2.0 * np.pi * GRAVITY / lengths)
+    peak = np.sqrt(2.0 * np.pi * GRAVITY / 4.0)
+    np.testing.assert_allclose(frequencies / peak, np.linspace(0.7, 3.0, 40), atol=0.021)
+    spectrum = bretschneider(1.0, 2.0 * np.pi / peak)
+    density = np.interp(frequencies, spectrum.frequencies, spectrum.density)
+    share = amplitudes**2 / (amplitudes**2).sum()
+    np.testing.assert_allclose(share, density / density.sum(), rtol=INTERPOLATION)
+    cosines = np.cos([w.heading for w in waves])
+    assert cosines.min() >= 0.0
+    assert abs(cosines.mean() - np.pi / 4.0) < 0.1  # twice the scatter of 40 samples
 
 
 @pytest.mark.parametrize("sea", SEAS)

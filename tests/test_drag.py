@@ -49,6 +49,16 @@ def ball_hull(radius: float = 0.5) -> Hull:
     return Hull.from_trimesh(mesh)
 
 
+@pytest.mark.parametrize("name", ["linear", "form", "friction", "angular"])
+def test_each_coefficient_is_finite_and_not_negative(name):
+    largest = np.finfo(float).max
+    for accepted in (0.0, largest):
+        assert getattr(DragCoefficients(**{name: accepted}), name) == accepted
+    for refused in (np.nextafter(0.0, -1.0), np.inf, np.nan):
+        with pytest.raises(ValueError, match=f"the {name} drag coefficient is"):
+            DragCoefficients(**{name: refused})
+
+
 @pytest.mark.parametrize("name", ["cube", "bunny"])
 def test_elements_make_up_the_surface(name):
     """Their areas add up to the surface, and their area vectors to zero."""

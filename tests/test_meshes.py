@@ -52,6 +52,29 @@ def test_half_a_hull_is_detected_and_mirrored():
     assert capped.hull.volume == pytest.approx(0.5 * whole.volume, rel=ROUND_OFF)
 
 
+def opened(axis: int, side: float, *others: trimesh.Trimesh) -> trimesh.Trimesh:
+    """A box of 3 x 2 x 1 m around the origin, without the face at one end of an axis."""
+    box = made_hulls.box([3.0, 2.0, 1.0])
+    kept = made_hulls.made(box.vertices, box.faces[side * box.face_normals[:, axis] < 0.99])
+    return made_hulls.joined(kept, *others)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_only_a_flat_and_whole_open_end_is_half_a_hull(side):
+    """Another part moves the end away from the rim, or makes the rim too small for the hull."""
+    for axis, name in enumerate(["x", "y", ""]):  # a hull open at the top is an open boat
+        assert survey(*arrays(opened(axis, side))).half_hull == name
+    beside = made_hulls.box([0.1, 0.1, 0.1], [0.0, side * 1.5, 0.0])
+    ahead = made_hulls.box([0.1, 0.1, 0.1], [2.0, 0.0, 0.0])
+    nearly = made_hulls.box([0.1, 0.1, 0.1], [1.6, 0.0, 0.0])  # the rim spans 3 of 3.15 m
+    for other, name in {beside: "", ahead: "", nearly: "y"}.items():
+        assert survey(*arrays(opened(1, side, other))).half_hull == name
+    for shortened, name in {1e-5: "y", 1e-3: ""}.items():  # the share by which a corner is bent
+        bent, faces = arrays(opened(1, side))
+        bent[np.argmax(bent @ [1.0, 5.0 * side, 2.0]), 1] *= 1.0 - shortened
+        assert survey(bent, faces).half_hull == name
+
+
 def test_a_survey_counts_faults():
     catamaran = survey(*arrays(made_hulls.open_catamaran()))
     assert [rim.edges for rim in catamaran.rims] == [4, 4]

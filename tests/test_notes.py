@@ -12,7 +12,7 @@ import pytest
 from scenes import CUBE, WAVES, afloat, model, xml
 
 from independent import DENSITY, GRAVITY, MODELS, status_of
-from sim import Buoyancy, ModelError, Note, Scene, hydrostatics
+from sim import Buoyancy, ModelError, Note, Scene, Sea, hydrostatics
 from sim.mjcf.geoms import geom_hull
 
 ROUND_OFF = 1e-9
@@ -314,12 +314,16 @@ def test_primitives_of_any_size_have_their_volume(kind, sizes, volume, size):
     assert hull.volume == pytest.approx(size**3 * volume, rel=1e-12)
 
 
-def attached(sea: str = WAVES, own: str = "") -> mujoco.MjModel:
-    """A cube that MjSpec has attached to a model, with 'a_' before all names."""
+def attached(sea: str | None = WAVES, own: str = "") -> mujoco.MjModel:
+    """A cube that MjSpec has attached to a model, with 'a_' before all names. sea: None for a cube
+    without water fields."""
     parent = mujoco.MjSpec.from_string(
         f'<mujoco><option timestep="0.005"/><custom>{own}</custom><worldbody/></mujoco>'
     )
-    child = mujoco.MjSpec.from_string(xml(custom=sea + '<numeric name="drag_cube" data="1 1 0"/>'))
+    text = xml(custom=(sea or "") + '<numeric name="drag_cube" data="1 1 0"/>')
+    if sea is None:
+        text = text.replace('<numeric name="water_density" data="1025"/>', "")
+    child = mujoco.MjSpec.from_string(text)
     parent.attach(child, prefix="a_", frame=parent.worldbody.add_frame())
     return Scene.load(parent).model
 
@@ -341,6 +345,12 @@ def test_two_different_seas_are_refused():
     assert len(Buoyancy.of(attached(own=same)).sea.waves) == 3
     with pytest.raises(ModelError, match=r"the model itself and .* define two different seas"):
         attached(own='<numeric name="wave_a" data="0.1 3 0 0"/>')
+
+
+def test_parts_without_water_fields_take_the_sea_of_the_others():
+    drag = '<numeric name="drag" data="1 1 0"/>'
+    assert len(Buoyancy.of(attached(own=drag)).sea.waves) == 3
+    assert Buoyancy.of(attached(None, own=drag)).sea == Sea()
 
 
 def test_wrapped_models_as_in_dm_control_are_accepted():

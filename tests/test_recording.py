@@ -1,11 +1,7 @@
 """Recordings match the samples that they were made from."""
 
 import gc
-import os
-import signal
 import socket
-import subprocess
-import sys
 from collections.abc import Callable
 from time import monotonic, sleep
 
@@ -29,6 +25,7 @@ from sim.recording.twins import HUE_STEP
 from sim.recording.waterline_curves import WATERLINE_ERROR
 from sim.runs.motions import motion
 from sim.runs.series import Series
+from viewer_process import end_viewer, start_viewer
 
 FLOAT32 = 1e-6
 """Relative error of positions, which Rerun keeps in single precision."""
@@ -369,11 +366,7 @@ def test_viewing_without_a_screen_is_refused_and_leaves_no_file(tmp_path, monkey
 def test_an_open_viewer_receives_the_run(tmp_path):
     """Rerun itself listens in place of the viewer and writes the data to a file."""
     port, path = free_port(), tmp_path / "arrived.rrd"
-    listener = subprocess.Popen(
-        [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
-        + ["--save", str(path)],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-    )  # fmt: skip
+    listener = start_viewer("--bind", "127.0.0.1", "--port", str(port), "--save", str(path))
     try:
         wait_until(lambda: listens(port))
         scene, samples = Scene.load(MODELS / "cube.xml"), []
@@ -383,7 +376,7 @@ def test_an_open_viewer_receives_the_run(tmp_path):
                 samples.append(sample)
         wait_until(lambda: path.is_file() and "mean of" in last_overview(path))
     finally:
-        os.killpg(listener.pid, signal.SIGKILL)  # also the viewer that Python has started
+        end_viewer(listener)
         listener.wait()
     _, heights = read(path, "plots/height/cube", "Scalars:scalars")
     np.testing.assert_array_equal(np.ravel(heights), [s.centres[0, 2] for s in samples])

@@ -5,6 +5,7 @@ pillow and psutil come with rerun-sdk.
 """
 
 import importlib.util
+import os
 import signal
 import subprocess
 import sys
@@ -132,20 +133,24 @@ def test_a_missing_driver_is_reported_with_the_remedy(take, monkeypatch, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_no_viewer_outlives_the_script(number, recording, tmp_path):
     command = [sys.executable, SCRIPT, recording, "--output", tmp_path / "a.png"]
     with subprocess.Popen(
-        command, stderr=subprocess.PIPE, text=True, preexec_fn=receive_ctrl_c
-    ) as script:
+        command, stderr=subprocess.PIPE, text=True, preexec_fn=receive_ctrl_c,
+        env=os.environ | {"TMPDIR": str(tmp_path)},
+    ) as script:  # fmt: skip
         viewers = []
-        while len(viewers) < 2 and script.poll() is None:  # the command and its viewer
+        while len(viewers) < 2 and script.poll() is None:  # the viewer and the process above it
             time.sleep(0.01)
             viewers = psutil.Process(script.pid).children(recursive=True)
         script.send_signal(number)
         _, err = script.communicate(timeout=30)
-    assert script.returncode == 128 + number
-    assert err == f"snapshot.py: stopped by {number.name}\n"
-    _, alive = psutil.wait_procs(viewers, timeout=5)
+    _, alive = psutil.wait_procs(viewers, timeout=20)
     assert [v for v in alive if v.status() != psutil.STATUS_ZOMBIE] == []
-    assert list(tmp_path.iterdir()) == []
+    if number == signal.SIGKILL:
+        assert script.returncode == -number
+    else:
+        assert script.returncode == 128 + number
+        assert err == f"snapshot.py: stopped by {number.name}\n"
+        assert list(tmp_path.iterdir()) == []

@@ -45,14 +45,15 @@ def sea_of(
 ) -> Sea | None:
     """The one sea that all sections with water fields agree on; the default sea if none has any;
     None if no section can be read. sections: prefix, numerics and texts of each."""
+    with_water = [
+        (prefix, numerics, texts)
+        for prefix, numerics, texts in sections
+        if any(name.startswith(WATER_PREFIXES) for name in (*numerics, *texts))
+    ]
     seas: list[tuple[str, Sea]] = []
-    for prefix, numerics, texts in sections:
-        has_water = any(name.startswith(WATER_PREFIXES) for name in (*numerics, *texts))
-        if has_water or len(sections) == 1:
-            with faults.collected():
-                seas.append((prefix, _read_sea(model, numerics, texts, faults)))
-    if not seas and not faults.found:
-        return _read_sea(model, {}, {}, faults)
+    for prefix, numerics, texts in with_water or [("", {}, {})]:
+        with faults.collected():
+            seas.append((prefix, _read_sea(model, numerics, texts, faults)))
     for prefix, sea in seas[1:]:
         if sea != seas[0][1]:
             with faults.collected():
