@@ -1,5 +1,7 @@
 """Generated hulls with the faults of public files: open, doubled, in millimetres, inside out."""
 
+import functools
+
 import numpy as np
 import trimesh
 
@@ -158,18 +160,25 @@ def inverted(mesh: Mesh) -> Mesh:
     return made(mesh.vertices, mesh.faces[:, ::-1])
 
 
+@functools.cache
 def ship() -> Mesh:
-    """A closed hull of 5,120 faces, 10 m long."""
-    mesh = trimesh.creation.icosphere(subdivisions=4)
+    """A closed hull of 20,480 faces, 10 m long."""
+    mesh = trimesh.creation.icosphere(subdivisions=5)
     return made(mesh.vertices * [5.0, 1.0, 0.5], mesh.faces)
 
 
-def with_faces(mesh: Mesh, points, faces=None) -> Mesh:
-    """The mesh with triangles (N, 3, 3), or with faces whose vertices count from its first vertex."""
+def with_faces(mesh: Mesh, points=(), faces=None) -> Mesh:
+    """The mesh with triangles (N, 3, 3), or with points (N, 3) and with faces, whose vertices count
+    through the mesh's vertices and the points."""
     points = np.reshape(points, (-1, 3))
     if faces is None:
         faces = len(mesh.vertices) + np.arange(len(points)).reshape(-1, 3)
     return made(np.concatenate([mesh.vertices, points]), np.concatenate([mesh.faces, faces]))
+
+
+def doubled_around(mesh: Mesh, vertex: int) -> Mesh:
+    """The mesh with all faces at a vertex drawn twice."""
+    return with_faces(mesh, faces=mesh.faces[(mesh.faces == vertex).any(axis=1)])
 
 
 def edges_along(mesh: Mesh, count: int) -> np.ndarray:
@@ -196,24 +205,25 @@ TINY = 1e-3 * np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0]])
 SPECKS = {
     "a triangle outside": lambda ship: with_faces(ship, TINY + [1.0, 2.0, 0.0]),
     "a triangle inside": lambda ship: with_faces(ship, TINY + [1.0, 0.2, 0.1]),
-    "a triangle without area": lambda ship: with_faces(ship, TINY * [1.0, 0.0, 0.0]),
+    "a triangle without area": lambda ship: with_faces(
+        ship, 1e-3 * np.eye(3)[[0, 0, 0]] * [[1], [2], [3]]
+    ),
     "two faces": lambda ship: with_faces(ship, [TINY, TINY[::-1]]),
     "a tiny inward part": lambda ship: joined(ship, inverted(box([1e-3] * 3, [0.0, 3.0, 0.0]))),
     "a drawn edge": lambda ship: fin(ship, 1e-4, 1),
-    "a doubled face": lambda ship: with_faces(ship, [], ship.faces[7:8]),
-    "a doubled patch": lambda ship: with_faces(ship, [], ship.faces[ship.vertex_faces[99, :3]]),
+    "doubled faces": lambda ship: doubled_around(ship, 99),
 }
 """Small faults of a large hull."""
 
 SHEETS = {
-    "a stay": lambda ship: with_faces(ship, [[0, 0, 2], [3, 0, 2], [0, 1e-5, 2]]),
+    "a stay": lambda ship: with_faces(ship, [[0, 0, 2], [3, 0, 2], [0, 1e-3, 2]]),
     "a fin": lambda ship: fin(ship, 0.3),
     "a bilge keel": lambda ship: with_faces(ship, [
         [[-2, 1.0, -0.6], [2, 1.0, -0.6], [2, 1.2, -0.8]],
         [[-2, 1.0, -0.6], [2, 1.2, -0.8], [-2, 1.2, -0.8]],
     ]),
     "a cloud": lambda ship: with_faces(
-        ship, TINY + np.mgrid[0:2:0.1, 0:2:0.1, 2:4:0.1].reshape(3, -1).T[:, None]
+        ship, 5 * TINY + np.mgrid[0:1:0.2, 0:1:0.2, 2:3:0.2].reshape(3, -1).T[:, None]
     ),
 }  # fmt: skip
 """Sheets that are no debris: too long, or too large together."""

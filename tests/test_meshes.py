@@ -84,7 +84,7 @@ def test_crossing_faces_are_found():
 def test_a_sheet_is_a_fault_with_its_position():
     sheet = trimesh.Trimesh([[5, 0, 0], [6, 0, 0], [6, 1, 0], [5, 1, 0]], [[0, 1, 2], [0, 2, 3]])
     found = repair(*arrays(made_hulls.joined(made_hulls.box([1, 1, 1]), sheet)))
-    assert "sheets that enclose nothing: 1 with 2 faces" in found.faults[0]
+    assert "sheets that enclose nothing: 2 faces, 14 % of the area" in found.faults[0]
     assert "(5.5, 0.5, 0)" in found.faults[0]
 
 

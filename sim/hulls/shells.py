@@ -62,7 +62,7 @@ def outside_of(vertices: Array, faces: Indices) -> Outside:
             outside = _outside(*compacted(vertices, rest.faces))
         except ValueError:
             raise fault from None  # the specks are not its only fault
-    return outside._replace(changes=(rest.text, *outside.changes))
+    return outside._replace(changes=rest.changes + outside.changes)
 
 
 def _merged(vertices: Array, faces: Indices) -> Surface:

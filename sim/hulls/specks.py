@@ -23,39 +23,42 @@ FLAT_SHARE = 1e-14
 
 SPECKS_AREA_SHARE = 1e-4
 """Largest share of the surface's area that all specks have together. Skin friction on them is at
-most this share of the hull's, a tenth of the force error that the default method allows."""
+most this share of the hull's. With this area they could enclose 1e-7 of the third power of the
+surface's size (the square root of its area), if they were a ball."""
 
-SPECK_LENGTH_SHARE = 1e-2
-"""Share of the square root of the surface's area: a longer part is no speck, however narrow it is.
-It may be a stay, a rail or the edge of a fin. Even if specks of this length enclosed a solid, its
-volume would be below 1e-6 of the third power of the hull's size."""
+SPECK_LENGTH_SHARE = 0.05
+"""Share of the surface's size: a longer part is no speck, however narrow it is, because it may be a
+stay or a rail. Slivers between two faces of a mesh of a thousand faces are shorter."""
 
 MOST_PLACES = 3
 """Largest number of places that a text names."""
 
 
 class WithoutSpecks(NamedTuple):
-    """The faces (F, 3) of a surface without its specks, and a text that says what was left out."""
+    """The faces (F, 3) of a surface without its specks, and texts that say what was left out."""
 
     faces: Indices
-    text: str
+    changes: tuple[str, ...]
 
 
 def without_specks(vertices: Array, faces: Indices) -> WithoutSpecks | None:
-    """A surface without its specks; None if it has none. Parts that are closed and face outward
-    are kept, however small they are."""
+    """A surface without doubled faces and specks; None if it has none. Parts that are closed and
+    face outward are kept, however small they are."""
     first = np.sort(np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1])
-    doubles = np.delete(faces, first, axis=0)
+    doubles = list(np.delete(faces, first, axis=0)[:, None])
     parts = parts_of(faces[first])
-    stray = [*doubles[:, None], *(part for part in parts if not _encloses(vertices, part))]
+    stray = [part for part in parts if not _encloses(vertices, part)]
     specks = specks_among(vertices, stray, float(areas(vertices[faces]).sum()))
-    if not specks:
-        return None
     dropped = set(map(id, specks))
     kept = [part for part in parts if id(part) not in dropped]
-    return WithoutSpecks(
-        np.concatenate(kept), f"specks left out: {described(vertices, specks, faces)}"
-    )
+    if len(kept) == 0 or not (doubles or specks):
+        return None
+    changes = [
+        f"{name} left out: {described(vertices, left_out, faces)}"
+        for name, left_out in (("doubled faces", doubles), ("specks", specks))
+        if left_out
+    ]
+    return WithoutSpecks(np.concatenate(kept), tuple(changes))
 
 
 def specks_among(vertices: Array, parts: Sequence[Indices], area: float) -> list[Indices]:
@@ -68,14 +71,11 @@ def specks_among(vertices: Array, parts: Sequence[Indices], area: float) -> list
 
 
 def described(vertices: Array, parts: Sequence[Indices], faces: Indices) -> str:
-    """How many parts there are, how much of a surface's area they have, and where the first ones
-    are, as text."""
+    """How many faces parts have, how much of a surface's area, and where the first ones are, as
+    text."""
     count = sum(map(len, parts))
     share = areas(vertices[np.concatenate(parts)]).sum() / areas(vertices[faces]).sum()
-    return (
-        f"{len(parts)} with {count} faces and {100.0 * share:.2g} % of the area, around "
-        f"{places(vertices, parts)}"
-    )
+    return f"{count} faces, {100.0 * share:.2g} % of the area, around {places(vertices, parts)}"
 
 
 def places(vertices: Array, parts: Sequence[Indices] | Indices) -> str:
