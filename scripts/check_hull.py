@@ -59,10 +59,15 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--mirror", action="store_true", help="mirror half a hull to complete it")
     parser.add_argument("--deck", action="store_true", help="close an open boat at its gunwale")
+    parser.add_argument(
+        "--drop-sheets", action="store_true", help="leave out fins and keels without thickness"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to this file")
     options = parser.parse_args(arguments)
-    if (options.mirror or options.deck) and options.repair is None:
-        parser.error("--mirror and --deck change the hull; name an output file with --repair")
+    if (options.mirror or options.deck or options.drop_sheets) and options.repair is None:
+        parser.error(
+            "--mirror, --deck and --drop-sheets change the hull; name an output file with --repair"
+        )
     return options
 
 
@@ -112,7 +117,9 @@ def lines_of(found: Survey) -> Iterator[tuple[str, str]]:
             "open boat",
             f"holds {found.holds:.4g} m^3 of water, which floods it; --deck keeps it dry",
         )
-    yield "Waterline", found.refusal or "takes it as it is"
+    for change in found.changes:
+        yield "", change
+    yield "Waterline", found.refusal or "takes it" + " as it is" * (not found.changes)
 
 
 def print_repair(before: Survey, repaired: Repaired, after: Survey | None) -> None:
@@ -134,7 +141,7 @@ def mended(surface: Surface, before: Survey, options: argparse.Namespace) -> Rep
     """Repair the hull of a surface, and mirror or deck it as the options ask."""
     if options.mirror and not before.half_hull:
         return Repaired(None, (), ("it is not half a hull; leave out --mirror",))
-    found = repair(*surface, before.half_hull if options.mirror else "")
+    found = repair(*surface, before.half_hull if options.mirror else "", options.drop_sheets)
     if not options.deck or found.hull is None:
         return found
     closed = decked(found.hull)

@@ -1,5 +1,7 @@
 """Generated hulls with the faults of public files: open, doubled, in millimetres, inside out."""
 
+import functools
+
 import numpy as np
 import trimesh
 
@@ -140,6 +142,91 @@ def two_cells() -> Mesh:
     both.merge_vertices()
     return made(both.vertices, both.faces)
 
+
+def plates(*sides: int, thickness: float = 0.04) -> list[Mesh]:
+    """Plates of a unit cube's sides, which overlap at the edges. Sides: 0 to 5, for -x, -y, -z, x,
+    y, z."""
+    return [_plate(side, thickness) for side in sides or range(6)]
+
+
+def _plate(side: int, thickness: float) -> Mesh:
+    size, at = np.ones(3), np.zeros(3)
+    size[side % 3] = thickness
+    at[side % 3] = (0.5 - 0.5 * thickness) * (1.0 if side > 2 else -1.0)
+    return box(size, at)
+
+
+def inverted(mesh: Mesh) -> Mesh:
+    return made(mesh.vertices, mesh.faces[:, ::-1])
+
+
+@functools.cache
+def ship() -> Mesh:
+    """A closed hull of 20,480 faces, 10 m long."""
+    mesh = trimesh.creation.icosphere(subdivisions=5)
+    return made(mesh.vertices * [5.0, 1.0, 0.5], mesh.faces)
+
+
+def with_faces(mesh: Mesh, points=(), faces=None) -> Mesh:
+    """The mesh with triangles (N, 3, 3), or with points (N, 3) and with faces, whose vertices count
+    through the mesh's vertices and the points."""
+    points = np.reshape(points, (-1, 3))
+    if faces is None:
+        faces = len(mesh.vertices) + np.arange(len(points)).reshape(-1, 3)
+    return made(np.concatenate([mesh.vertices, points]), np.concatenate([mesh.faces, faces]))
+
+
+def doubled_around(mesh: Mesh, vertex: int) -> Mesh:
+    """The mesh with all faces at a vertex drawn twice."""
+    return with_faces(mesh, faces=mesh.faces[(mesh.faces == vertex).any(axis=1)])
+
+
+def edges_along(mesh: Mesh, count: int) -> np.ndarray:
+    """Vertices of a chain of edges along the mesh, beginning at vertex 0."""
+    chain, neighbours = [0], mesh.vertex_neighbors
+    while len(chain) < count + 1:
+        ahead = [v for v in neighbours[chain[-1]] if v not in chain]
+        chain.append(max(ahead, key=lambda v: mesh.vertices[v, 0]))
+    return np.array(chain)
+
+
+def fin(mesh: Mesh, height: float, count: int = 8) -> Mesh:
+    """The mesh with a sheet along its edges, so that these edges have three faces."""
+    chain = edges_along(mesh, count)
+    beyond = len(mesh.vertices) + np.arange(len(chain))
+    quads = np.stack([chain[:-1], chain[1:], beyond[1:], beyond[:-1]], axis=1)
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    return with_faces(mesh, mesh.vertices[chain] * [1.0, 1.0 + height, 1.0 + height], faces)
+
+
+TINY = 1e-3 * np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0]])
+"""A triangle (3, 3) of a few millimetres."""
+
+SPECKS = {
+    "a triangle outside": lambda ship: with_faces(ship, TINY + [1.0, 2.0, 0.0]),
+    "a triangle inside": lambda ship: with_faces(ship, TINY + [1.0, 0.2, 0.1]),
+    "a triangle without area": lambda ship: with_faces(
+        ship, 1e-3 * np.eye(3)[[0, 0, 0]] * [[1], [2], [3]]
+    ),
+    "two faces": lambda ship: with_faces(ship, [TINY, TINY[::-1]]),
+    "a tiny inward part": lambda ship: joined(ship, inverted(box([1e-3] * 3, [0.0, 3.0, 0.0]))),
+    "a drawn edge": lambda ship: fin(ship, 1e-4, 1),
+    "doubled faces": lambda ship: doubled_around(ship, 99),
+}
+"""Small faults of a large hull."""
+
+SHEETS = {
+    "a stay": lambda ship: with_faces(ship, [[0, 0, 2], [3, 0, 2], [0, 1e-3, 2]]),
+    "a fin": lambda ship: fin(ship, 0.3),
+    "a bilge keel": lambda ship: with_faces(ship, [
+        [[-2, 1.0, -0.6], [2, 1.0, -0.6], [2, 1.2, -0.8]],
+        [[-2, 1.0, -0.6], [2, 1.2, -0.8], [-2, 1.2, -0.8]],
+    ]),
+    "a cloud": lambda ship: with_faces(
+        ship, 5 * TINY + np.mgrid[0:1:0.2, 0:1:0.2, 2:3:0.2].reshape(3, -1).T[:, None]
+    ),
+}  # fmt: skip
+"""Sheets that are no debris: too long, or too large together."""
 
 VOLUMES = {
     "open catamaran": (open_catamaran, 2 * 4.0 * 0.4 * 0.4 + 0.1 * 0.1 * 2.4),

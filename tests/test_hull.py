@@ -2,13 +2,24 @@
 
 import copy
 import pickle
+import re
 
+import made_hulls
 import numpy as np
 import pytest
 import trimesh
 
 from independent import ROUND_OFF, load_mesh, meshes
 from sim import Hull
+from sim.hulls.repair import repair
+from sim.hulls.union import united
+
+joined, inverted = made_hulls.joined, made_hulls.inverted
+
+
+def cube(size: float, x: float = 0.0, y: float = 0.0):
+    return made_hulls.box([size] * 3, [x, y, 0.0])
+
 
 BOX = trimesh.creation.box(extents=[2.0, 1.0, 0.5])
 
@@ -72,6 +83,71 @@ def test_separate_parts_are_accepted():
     assert Hull.from_trimesh(pair).volume == pytest.approx(2.0, rel=ROUND_OFF)
 
 
+NESTED = {
+    "one in another": (joined(cube(2), cube(1)), 8.0, "12 % of its volume twice"),
+    "a cavity": (joined(cube(2), inverted(cube(1))), 8.0, "1 cavity stays dry: 1 m"),
+    "four, in turns": (
+        joined(cube(4), inverted(cube(3)), cube(2), inverted(cube(1))), 64.0, "2 cavities.* 27 m",
+    ),
+    "cavities that touch at an edge": (
+        joined(cube(4), inverted(cube(1, 0.5, 0.5)), inverted(cube(1, -0.5, -0.5))), 64.0,
+        "2 cavities stay dry: 2 m",
+    ),
+    "a cavity that touches the outside": (
+        joined(cube(2), inverted(cube(1, 0.5, 0.5))), 8.0, "1 cavity stays dry",
+    ),
+    "a cavity in two that overlap": (
+        joined(cube(2, 0.5), cube(2, -0.5), inverted(cube(1))), 12.0, "1 cavity stays dry: 1 m",
+    ),
+}  # fmt: skip
+"""Shells that lie in others, the volume [m^3] of their outside, and what is said about it."""
+
+
+@pytest.mark.parametrize("name", NESTED)
+def test_a_hull_is_the_outside_of_its_shells(name):
+    mesh, volume, change = NESTED[name]
+    hull = Hull.from_trimesh(mesh)
+    assert hull.volume == pytest.approx(volume, rel=ROUND_OFF)
+    np.testing.assert_allclose(hull.area_vectors.sum(axis=0), 0.0, atol=ROUND_OFF)
+    assert re.search(change, " ".join(hull.changes))
+    with pytest.warns(UserWarning, match="turned outward"):
+        assert Hull.from_trimesh(inverted(mesh)).volume == pytest.approx(volume, rel=ROUND_OFF)
+
+
+def test_plates_around_a_void_are_a_hull_with_a_dry_cavity():
+    thickness = 0.04
+    plates = [Hull.from_trimesh(plate) for plate in made_hulls.plates(thickness=thickness)]
+    tank, _ = united(plates)
+    assert tank.volume == pytest.approx(1.0, rel=ROUND_OFF)
+    np.testing.assert_allclose(tank.centroid, 0.0, atol=ROUND_OFF)
+    assert "1 cavity stays dry: 0.779 m^3" in tank.changes[0]
+    without_a_lid, _ = united(plates[:5])
+    inside = (1 - 2 * thickness) ** 2 * (1 - thickness)
+    assert without_a_lid.volume == pytest.approx(1.0 - inside, rel=ROUND_OFF)
+    assert without_a_lid.changes == ()
+
+
+@pytest.mark.parametrize("name", made_hulls.SPECKS)
+def test_specks_are_left_out_of_a_hull(name):
+    ship = made_hulls.ship()
+    hull, whole = Hull.from_trimesh(made_hulls.SPECKS[name](ship)), Hull.from_trimesh(ship)
+    np.testing.assert_array_equal(hull.vertices[hull.faces], whole.vertices[whole.faces])
+    assert re.search(r"left out: \d+ faces, .* % of the area, around \(", hull.changes[0])
+
+
+@pytest.mark.parametrize("name", made_hulls.SHEETS)
+def test_sheets_are_refused_or_left_out_of_a_repair(name):
+    mesh = made_hulls.SHEETS[name](made_hulls.ship())
+    with pytest.raises(ValueError, match="the surface is not closed"):
+        Hull.from_trimesh(mesh)
+    assert "sheets that enclose nothing" in repair(mesh.vertices, mesh.faces).faults[0]
+    found = repair(mesh.vertices, mesh.faces, drop_sheets=True)
+    assert found.faults == ()
+    assert "sheets left out" in found.done[-1]
+    merged_vertices = 1e-9
+    assert found.hull.volume == pytest.approx(made_hulls.ship().volume, rel=merged_vertices)
+
+
 def test_a_hull_is_immutable_and_independent_of_the_callers_arrays():
     vertices = np.array(BOX.vertices)
     hull = Hull(vertices, BOX.faces)
@@ -84,10 +160,12 @@ def test_a_hull_is_immutable_and_independent_of_the_callers_arrays():
         hull.volume = 2.0
 
 
-def _with_cavity():
-    cavity = trimesh.creation.box(extents=[0.2, 0.2, 0.2])
-    cavity.invert()
-    return trimesh.util.concatenate([BOX, cavity])
+def _one_part_inward():
+    other = trimesh.creation.box(extents=[0.2, 0.2, 0.2])
+    other.invert()
+    other.apply_translation([0.0, 3.0, 0.0])
+    both = trimesh.util.concatenate([BOX, other])
+    return both.vertices, both.faces
 
 
 def _one_face_reversed():
@@ -105,17 +183,15 @@ def _touching_along_an_edge():
 NOT_FINITE = np.array(BOX.vertices)
 NOT_FINITE[2, 1] = np.nan
 FLAT = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-MESH_WITH_CAVITY = _with_cavity()
 
 
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ((BOX.vertices, BOX.faces[1:]), "not closed: 3 of 18 edges.*check_hull.py.*--repair"),
-        ((BOX.vertices, np.vstack([BOX.faces, BOX.faces[:1]])), "3 of 18 edges have more than two"),
+        ((BOX.vertices, BOX.faces[1:]), "not closed: 3 of 18 edges.*repair"),
         (_touching_along_an_edge(), "1 of 35 edges have more than two"),
         (_one_face_reversed(), "winding is inconsistent: 3 of 18"),
-        ((MESH_WITH_CAVITY.vertices, MESH_WITH_CAVITY.faces), "1 of 2 closed parts.*inward"),
+        (_one_part_inward(), "1 of 2 closed parts.*inward.*turn them outward"),
         ((NOT_FINITE, BOX.faces), "1 of 8 vertices are not finite"),
         ((BOX.vertices, BOX.faces + 1), "indices lie outside 0..7"),
         ((BOX.vertices, BOX.faces - 1), "indices lie outside 0..7"),

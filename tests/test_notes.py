@@ -389,6 +389,36 @@ def test_run_prints_each_note_in_one_line(tmp_path, capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_a_tank_of_plates_is_dry_inside():
+    """Six plates of 4 cm around a void: the water is pushed out of all of the cube."""
+    plates = [made_hulls.plates(side)[0].bounds for side in range(6)]
+    geoms = "".join(
+        f'<geom name="p{i}" type="box" size="{half[0]} {half[1]} {half[2]}" '
+        f'pos="{at[0]} {at[1]} {at[2]}" density="1000"/>'
+        for i, (low, high) in enumerate(plates)
+        for half, at in [(0.5 * (high - low), 0.5 * (low + high))]
+    )
+    names = [f"p{i}" for i in range(6)]
+    with pytest.warns(Note, match="are united: 1 cavity stays dry: 0.779 m.3"):
+        (tank,) = Buoyancy.of(model(f"<body><freejoint/>{geoms}</body>", names)).floats
+    assert tank.method.hull.volume == pytest.approx(1.0, rel=ROUND_OFF)
+
+
+def test_specks_of_a_mesh_are_noted_and_a_refusal_names_its_file(tmp_path):
+    file = tmp_path / "m.obj"
+    mesh = f'<mesh name="m" inertia="{{}}" file="{file}"/>'
+    body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" density="500"/></body>'
+    ship = made_hulls.ship()
+    made_hulls.SPECKS["a triangle outside"](ship).export(file)
+    with pytest.warns(Note, match=r"mesh 'm'\): specks left out: 1 faces, 1.6e-05 % of the area"):
+        (found,) = Buoyancy.of(model(body, ("g",), assets=mesh.format("legacy"))).floats
+    single_precision = 1e-5
+    assert found.method.hull.volume == pytest.approx(ship.volume, rel=single_precision)
+    made_hulls.without_top(made_hulls.box([1, 1, 1])).export(file)
+    with pytest.raises(ValueError, match=f"not closed.*check_hull.py {file} --repair OUT"):
+        model(body, ("g",), assets=mesh.format("legacy"))
+
+
 def test_overlapping_shells_of_a_mesh_are_noted(tmp_path):
     both = made_hulls.joined(made_hulls.box([2, 2, 2]), made_hulls.box([1, 1, 1]))
     both.export(tmp_path / "m.obj")

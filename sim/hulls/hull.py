@@ -4,21 +4,17 @@ A hull has no holes, no edge with more than two faces, one winding, and a volume
 checks too, but they do not count the faults.)
 """
 
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import area_vectors, areas, cone_centroid, cone_volumes, distinct_points, middle
-from sim.hulls.topology import collapsed, compacted, edges_of, shells_of
+from sim.geometry import area_vectors, cone_centroid, cone_volumes, middle
+from sim.hulls.shells import outside_of
 from sim.kernels import read_only
 
 Array = NDArray[np.float64]
-
-FLAT_SHARE = 1e-14
-"""Share of area times diagonal: a smaller volume is the round-off of a flat surface."""
 
 LARGEST_COORDINATE = 1e6
 """Largest coordinate [m] of a vertex. Moments of patches are up to sixth powers of lengths, kept in
@@ -32,10 +28,13 @@ class Hull:
     vertices: (V, 3) [m], in the hull's frame. faces: (F, 3) indices, counterclockwise seen from
     outside. Vertices at exactly the same position are merged. Faces that collapse by that, and
     vertices that no face uses, are dropped. A surface that faces inward is turned outward with a
-    warning. Raises a ValueError that counts the faults and names the remedy.
+    warning. Of several shells, the hull is the outside: overlapping and nested shells are united,
+    and cavities are dry (see `sim.hulls.shells`). Raises a ValueError that counts the faults and
+    names the remedy.
 
     volume [m^3], centroid (3,) [m]: of the enclosed solid. bounds: (2, 3) [m], lowest and highest
-    corner. area_vectors: (F, 3) [m^2], outward normals whose length is the face's area.
+    corner. area_vectors: (F, 3) [m^2], outward normals whose length is the face's area. changes:
+    what was united, left dry or left out, as texts.
     """
 
     vertices: Array
@@ -44,14 +43,12 @@ class Hull:
     volume: float
     centroid: Array
     bounds: Array
+    changes: tuple[str, ...]
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        vertices, faces = _checked_arrays(vertices, faces)
-        vertices, faces = _merged(vertices, faces)
-        _check_edges(faces)
-        self._set(vertices, _turned_outward(vertices, faces))
+        self._set(*outside_of(*_checked_arrays(vertices, faces)))
 
-    def _set(self, vertices: Array, faces: NDArray[np.int64]) -> None:
+    def _set(self, vertices: Array, faces: NDArray[np.int64], changes: tuple[str, ...]) -> None:
         origin = middle(vertices)
         corners = (vertices - origin)[faces]
         volumes = cone_volumes(corners)
@@ -62,6 +59,7 @@ class Hull:
             "volume": float(volumes.sum()),
             "centroid": origin + cone_centroid(corners, volumes),
             "bounds": np.array([vertices.min(axis=0), vertices.max(axis=0)]),
+            "changes": changes,
         }
         for name, value in values.items():
             object.__setattr__(self, name, _closed(value))
@@ -78,7 +76,7 @@ class Hull:
     def moved(self, rotation: Array, position: Array) -> "Hull":
         """The same hull, rotated by a rotation (3, 3), then moved by a position (3,) [m]."""
         hull = object.__new__(type(self))
-        hull._set(self.vertices @ rotation.T + position, self.faces)
+        hull._set(self.vertices @ rotation.T + position, self.faces, self.changes)
         return hull
 
     @property
@@ -127,68 +125,3 @@ def _checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArr
             f"{outside} face indices lie outside 0..{len(vertices) - 1}; indices count from 0"
         )
     return vertices, faces.astype(np.int64)
-
-
-def _merged(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-    """Merge vertices at the same position, and drop collapsed faces and unused vertices. The rest
-    keeps its order."""
-    first, number = distinct_points(vertices)
-    faces = first[number][faces]
-    faces = faces[~collapsed(faces)]
-    if len(faces) == 0:
-        raise ValueError(
-            "no face is left after merging vertices at the same position; check the units"
-        )
-    return compacted(vertices, faces)
-
-
-def _check_edges(faces: NDArray[np.int64]) -> None:
-    """Check that every edge has two faces that run along it in opposite directions."""
-    edges = edges_of(faces)
-    count = len(edges.count)
-    open_edges = int(np.count_nonzero(edges.count == 1))
-    if open_edges:
-        raise ValueError(
-            f"the surface is not closed: {open_edges} of {count} edges have only one face; "
-            "inspect it with `python scripts/check_hull.py FILE`, which repairs it with --repair"
-        )
-    crowded = int(np.count_nonzero(edges.count > 2))
-    if crowded:
-        raise ValueError(
-            f"{crowded} of {count} edges have more than two faces; remove duplicated and inner "
-            "faces, or make separate hulls of parts that only touch"
-        )
-    forward = np.bincount(edges.of_side, weights=edges.is_forward)
-    twisted = int(np.count_nonzero(forward != 1))
-    if twisted:
-        raise ValueError(
-            f"the winding is inconsistent: {twisted} of {count} edges are run along twice in "
-            "the same direction; wind all faces alike (for example trimesh.repair.fix_winding)"
-        )
-
-
-def _turned_outward(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    shells, shell = np.unique(shells_of(faces), return_inverse=True)
-    volume = np.bincount(shell, cone_volumes((vertices - middle(vertices))[faces]))
-    area = np.bincount(shell, areas(vertices[faces]))
-    diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
-    flat = int(np.count_nonzero(np.abs(volume) <= FLAT_SHARE * diagonal * area))
-    if flat:
-        raise ValueError(
-            f"{flat} of {len(shells)} closed parts of the surface enclose no volume; "
-            "give a flat body some thickness"
-        )
-    inward = int(np.count_nonzero(volume < 0))
-    if inward == 0:
-        return faces
-    if inward < len(shells):
-        raise ValueError(
-            f"{inward} of {len(shells)} closed parts of the surface face inward; turn them outward "
-            "(a cavity that water cannot enter is not part of the hull: remove it), for example "
-            "with `python scripts/check_hull.py FILE --repair OUT`"
-        )
-    warnings.warn(
-        f"the hull faced inward (signed volume {volume.sum():.4g} m^3) and was turned outward",
-        stacklevel=3,
-    )
-    return faces[:, ::-1].copy()

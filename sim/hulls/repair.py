@@ -3,10 +3,10 @@
 The steps, in this order: almost equal vertices are merged; faces without area and doubled faces are
 dropped; open edges are divided at vertices of other open edges; half a hull is mirrored, if asked
 for; sheets that meet at crowded edges are separated; each part gets one winding, and its rims are
-capped; parts are turned outward, and overlapping parts are united.
+capped; specks, and sheets if asked for, are left out; parts are turned outward, and overlapping
+parts are united.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 
 from sim.geometry import area_vectors, areas
 from sim.hulls.hull import Hull
+from sim.hulls.solids import signed_volume
+from sim.hulls.specks import described, places, specks_among
 from sim.hulls.tidying import MERGING_SHARE, size_of, tidied
 from sim.hulls.topology import compacted, edges_of, joined, parts_of, rims_of, wound_alike
-from sim.hulls.union import outer_surface, signed_volume, united
+from sim.hulls.union import united
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-LARGEST_CHANGE_SHARE = 0.03
-"""Share of the volume that a repair may change, apart from volume that was counted twice."""
 
 SHRINK_SHARE = 1e-6
 """Share of their size by which parts shrink if they touch other parts at edges."""
@@ -40,19 +39,25 @@ class Repaired:
     faults: tuple[str, ...]
 
 
-def repair(vertices: Array, faces: Indices, mirror: str = "") -> Repaired:
-    """Close a surface and keep all its parts. mirror: the axis along which half a hull is mirrored;
-    `Survey.half_hull` gives it."""
+def repair(
+    vertices: Array, faces: Indices, mirror: str = "", drop_sheets: bool = False
+) -> Repaired:
+    """Close a surface and keep all its parts except specks. mirror: the axis along which half a
+    hull is mirrored; `Survey.half_hull` gives it. drop_sheets: whether sheets that enclose nothing,
+    such as fins, are left out; they are a fault otherwise."""
     size = size_of(vertices)
     within = MERGING_SHARE * size
     tidy = tidied(vertices, faces, within)
     vertices, faces, divided = tidy.vertices, *_divided(tidy.vertices, tidy.faces, within)
     if mirror:
         vertices, faces, *_ = tidied(*_mirrored(vertices, faces, mirror, size), within)
-    sheets, crowded, walls = _parted(vertices, faces, size)
-    capped = [_capped(vertices, wound_alike(sheet)) for sheet in sheets]
-    rims = sum(count for _, count in capped)
-    done = (
+    parts, crowded, walls = _parted(vertices, faces, size)
+    capped = [_capped(vertices, wound_alike(part)) for part in parts]
+    is_sheet = [_is_sheet(vertices, part, size) for part, _ in capped]
+    solid = [part for part, flat in zip(capped, is_sheet, strict=True) if not flat]
+    sheets = [part for part, flat in zip(parts, is_sheet, strict=True) if flat]
+    rims = sum(count for _, count in solid)
+    steps = (
         (tidy.merged, f"{tidy.merged} vertices merged"),
         (tidy.flat, f"{tidy.flat} faces without area dropped"),
         (tidy.doubled, f"{tidy.doubled} doubled faces dropped"),
@@ -62,8 +67,29 @@ def repair(vertices: Array, faces: Indices, mirror: str = "") -> Repaired:
         (walls, f"{walls} inner walls dropped"),
         (rims, f"{rims} rims capped"),
     )
-    parts = [part for part, _ in capped]
-    return _assembled(vertices, parts, [text for happened, text in done if happened])
+    left_out, faults = _without_sheets(vertices, faces, sheets, drop_sheets)
+    done = [text for happened, text in steps if happened] + left_out
+    return _assembled(vertices, [part for part, _ in solid], done, faults)
+
+
+def _without_sheets(
+    vertices: Array, faces: Indices, sheets: list[Indices], drop_sheets: bool
+) -> tuple[list[str], list[str]]:
+    """What is left out, and the faults that are left, as texts: sheets that are no specks are a
+    fault unless they are to be dropped."""
+    specks = specks_among(vertices, sheets, float(areas(vertices[faces]).sum()))
+    large = [sheet for sheet in sheets if not any(sheet is speck for speck in specks)]
+    done, faults = [], []
+    if specks:
+        done.append(f"specks left out: {described(vertices, specks, faces)}")
+    if large and drop_sheets:
+        done.append(f"sheets left out: {described(vertices, large, faces)}")
+    elif large:
+        faults.append(
+            f"it has sheets that enclose nothing: {described(vertices, large, faces)}; give them "
+            "thickness, or leave them out with --drop-sheets"
+        )
+    return done, faults
 
 
 def _divided(vertices: Array, faces: Indices, within: float) -> tuple[Indices, int]:
@@ -168,61 +194,40 @@ def _cap(vertices: Array, loop: Indices) -> Indices:
     return loop[fan]
 
 
-def _assembled(vertices: Array, parts: list[Indices], done: list[str]) -> Repaired:
-    """Turn the parts outward and unite them as one hull."""
-    size, kept, sheets, turned = size_of(vertices), [], [], 0
-    for part in parts:
-        if _is_sheet(vertices, part, size):
-            sheets.append(vertices[part].reshape(-1, 3).mean(axis=0))
-            continue
-        volume = signed_volume(vertices, part)
-        turned += volume < 0.0
-        kept.append(part if volume > 0.0 else part[:, ::-1])
-    if turned:
-        done.append(f"{turned} parts turned outward")
-    faults = []
-    if sheets:
-        faults.append(
-            f"{len(sheets)} of {len(parts)} parts are sheets that enclose nothing, around "
-            f"{_listed(sheets)}: give them thickness or remove them"
-        )
-    if not kept:
+def _assembled(
+    vertices: Array, parts: list[Indices], done: list[str], faults: list[str]
+) -> Repaired:
+    """Turn closed parts outward and unite them as one hull."""
+    volumes = [signed_volume(vertices, part) for part in parts]
+    if turned := sum(volume < 0.0 for volume in volumes):
+        done = [*done, f"{turned} parts turned outward"]
+    if not parts:
         return Repaired(None, tuple(done), (*faults, "nothing encloses a volume"))
-    expected = sum(signed_volume(vertices, part) for part in kept)
+    outward = [
+        part if volume > 0.0 else part[:, ::-1] for part, volume in zip(parts, volumes, strict=True)
+    ]
     try:
-        hull, twice = _one_hull(vertices, kept)
+        hull = _one_hull(vertices, outward)
     except ValueError as error:
-        edges = edges_of(np.concatenate(kept))
-        points = vertices[edges.vertices[edges.count != 2]].mean(axis=1)
-        where = f" around {_listed(points)}" if len(points) else ""
+        edges = edges_of(np.concatenate(outward))
+        crowded = edges.vertices[edges.count != 2]
+        where = f" around {places(vertices, crowded)}" if len(crowded) else ""
         return Repaired(None, tuple(done), (*faults, f"it cannot be closed{where}: {error}"))
-    if twice > 0.0:
-        done.append(f"overlaps united: {twice:.4g} m^3 were counted twice")
-    change = abs(hull.volume / (expected - twice) - 1.0)
-    if change > LARGEST_CHANGE_SHARE:
-        faults.append(f"the volume changed by {100.0 * change:.2g} %")
-    return Repaired(hull, tuple(done), tuple(faults))
+    return Repaired(hull, (*done, *hull.changes), tuple(faults))
 
 
-def _listed(points: Sequence[Array]) -> str:
-    """The first three points (3,) [m], as text."""
-    return " and ".join("({:.4g}, {:.4g}, {:.4g})".format(*point) for point in points[:3])
-
-
-def _one_hull(vertices: Array, parts: list[Indices]) -> tuple[Hull, float]:
-    """Closed parts as one hull, and the volume [m^3] that they counted twice. Parts that touch are
-    united like overlapping parts, because their edges would be crowded. If the result still touches
-    itself at an edge, all parts but the first shrink by SHRINK_SHARE."""
+def _one_hull(vertices: Array, parts: list[Indices]) -> Hull:
+    """Closed parts as one hull. Parts that touch at edges are united like overlapping parts. If the
+    union still touches itself at an edge, all parts but the first shrink by SHRINK_SHARE."""
     surfaces = [compacted(vertices, part) for part in parts]
     try:
-        hull, twice, _ = outer_surface(*joined(surfaces))
-        return hull, twice
+        return Hull(*joined(surfaces))
     except ValueError:
         hulls = [Hull(*surface) for surface in surfaces]  # raises the fault of a single part
     try:
-        return united(hulls, at_least=-1.0) or (hulls[0], 0.0)
+        union = united(hulls, at_least=-1.0)
+        return union[0] if union else hulls[0]
     except ValueError:
         for points, _ in surfaces[1:]:
             points -= SHRINK_SHARE * (points - points.mean(axis=0))
-        hull, twice, _ = outer_surface(*joined(surfaces))
-        return hull, twice
+        return Hull(*joined(surfaces))

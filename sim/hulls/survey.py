@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from sim.geometry import areas, cone_volumes, middle, sides
 from sim.hulls.crossings import crossing_faces
 from sim.hulls.hull import Hull
+from sim.hulls.solids import TOUCHING_SHARE, signed_volume
 from sim.hulls.tidying import MERGING_SHARE, size_of, tidied
 from sim.hulls.topology import edges_of, face_pairs, parts_of, rims_of, wound_alike
-from sim.hulls.union import TOUCHING_SHARE, decked, outer_surface, shared_volume, signed_volume
+from sim.hulls.union import decked, shared_volume
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -45,7 +46,7 @@ class Survey:
     volume [m^3]: as the faces are wound, without caps over the holes. crowded_at: positions (K, 3)
     of edges with more than two faces. crossing_faces: the number of faces that go through others.
     holds [m^3]: the volume of water that an open boat holds. refusal: why `Hull` refuses the
-    surface; "" if it does not.
+    surface; "" if it does not. changes: what `Hull` unites or leaves out, as texts.
     """
 
     faces: int
@@ -69,6 +70,7 @@ class Survey:
     crossing_faces: int
     holds: float
     refusal: str
+    changes: tuple[str, ...]
 
     @property
     def half_hull(self) -> str:
@@ -113,7 +115,8 @@ def survey(vertices: Array, faces: Indices) -> Survey:
     _, alike = face_pairs(edges)
     parts = parts_of(tidy.faces)
     inward, nested, overlapping = _closed_parts(tidy.vertices, parts)
-    refusal, holds = _refusal(vertices, faces)
+    hull, refusal = _hull(vertices, faces)
+    boat = decked(hull) if hull else None
     return Survey(
         faces=len(faces),
         vertices=len(vertices),
@@ -134,8 +137,9 @@ def survey(vertices: Array, faces: Indices) -> Survey:
         nested_parts=nested,
         overlapping_parts=overlapping,
         crossing_faces=len(crossing_faces(tidy.vertices, tidy.faces)),
-        holds=holds,
+        holds=boat[1] if boat else 0.0,
         refusal=refusal,
+        changes=hull.changes if hull else (),
     )
 
 
@@ -149,14 +153,12 @@ def unit_guess(vertices: Array) -> str:
     return "metres"
 
 
-def _refusal(vertices: Array, faces: Indices) -> tuple[str, float]:
-    """Why `Hull` refuses a surface ("" if it does not), and the volume [m^3] that an open boat
-    holds."""
+def _hull(vertices: Array, faces: Indices) -> tuple[Hull | None, str]:
+    """The hull of a surface, or None and why `Hull` refuses it."""
     try:
-        closed = decked(outer_surface(vertices, faces)[0])
+        return Hull(vertices, faces), ""
     except ValueError as error:
-        return str(error), 0.0
-    return "", closed[1] if closed else 0.0
+        return None, str(error)
 
 
 def _rims(vertices: Array, faces: Indices) -> Iterator[Rim]:

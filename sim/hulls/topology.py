@@ -64,19 +64,38 @@ def face_pairs(edges: Edges) -> tuple[Indices, Flags]:
 
 
 def parts_of(faces: Indices) -> list[Indices]:
-    """The connected parts of a surface, as faces (N, 3) each. Two faces are connected if they are
-    the only ones at an edge."""
+    """The connected parts of a surface, as faces (N, 3) each, in the order of their first faces.
+    Two faces are connected if they are the only ones at an edge."""
     pairs, _ = face_pairs(edges_of(faces))
     label = np.arange(len(faces))
     spread_lowest(pairs, label)
-    return [faces[label == part] for part in np.unique(label)]
+    order = np.argsort(label, kind="stable")
+    parts = np.split(faces[order], np.flatnonzero(np.diff(label[order])) + 1)
+    return [part for part in parts if len(part)]
 
 
-def shells_of(faces: Indices) -> Indices:
-    """The lowest vertex (F,) of each face's shell, which is all faces connected by vertices."""
-    label = np.arange(int(faces.max()) + 1)
-    spread_lowest(directed(faces), label)
-    return label[faces[:, 0]]
+def edge_fault(faces: Indices) -> str:
+    """Why a surface is not closed or not wound alike; "" if every edge has two faces that run in
+    opposite directions along it."""
+    edges = edges_of(faces)
+    count = len(edges.count)
+    if open_edges := int(np.count_nonzero(edges.count == 1)):
+        return (
+            f"the surface is not closed: {open_edges} of {count} edges have only one face; close "
+            "its holes (`sim.hulls.repair.repair` does)"
+        )
+    if crowded := int(np.count_nonzero(edges.count > 2)):
+        return (
+            f"{crowded} of {count} edges have more than two faces; remove doubled faces, inner "
+            "faces and sheets, or make separate hulls of parts that only touch"
+        )
+    forward = np.bincount(edges.of_side, weights=edges.is_forward)
+    if twisted := int(np.count_nonzero(forward != 1)):
+        return (
+            f"the winding is inconsistent: {twisted} of {count} edges are run along twice in "
+            "the same direction; wind all faces alike"
+        )
+    return ""
 
 
 @kernel

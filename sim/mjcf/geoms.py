@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from sim.geometry import areas, cone_volumes
 from sim.hulls import primitives
 from sim.hulls.hull import Hull
-from sim.hulls.union import outer_surface
 from sim.mjcf.floats import geom_label
 
 Array = NDArray[np.float64]
@@ -50,18 +49,14 @@ def geom_hull(model: mujoco.MjModel, geom: int) -> tuple[Hull, list[str]]:
 
 
 def _mesh_hull(model: mujoco.MjModel, mesh: int, label: str) -> tuple[Hull, list[str]]:
-    """The hull of a mesh asset, in which overlapping shells count once, and notes about it."""
-    hull, twice, cavities = outer_surface(*_mesh_surface(model, mesh))
-    notes = []
-    if twice > 0.0:
-        notes.append(
-            f"{label}: its shells overlap and are one hull: separate shells would count "
-            f"{100.0 * twice / hull.volume:.2g} % of its volume twice"
-        )
-    if cavities:
-        notes.append(
-            f"{label}: {cavities} of its shells lie inside and face inward: cavities that stay dry"
-        )
+    """The hull of a mesh asset, and notes about it. Raises ValueError."""
+    try:
+        hull = Hull(*_mesh_surface(model, mesh))
+    except ValueError as error:
+        file = _mesh_file(model, mesh)
+        remedy = f"; `python scripts/check_hull.py {file} --repair OUT` repairs it" if file else ""
+        raise ValueError(f"{error}{remedy}") from None
+    notes = [f"{label}: {change}" for change in hull.changes]
     if inexact := _inexact_inertia(hull):
         notes.append(f"{label}: {inexact}")
     return hull, notes
@@ -102,6 +97,12 @@ def frame_rotation(quaternion: Array) -> Array:
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3)
+
+
+def _mesh_file(model: mujoco.MjModel, mesh: int) -> str:
+    """The file of a mesh asset; "" if the model itself has its vertices."""
+    start = int(model.mesh_pathadr[mesh])
+    return model.paths[start:].split(b"\0")[0].decode() if start >= 0 else ""
 
 
 def _mesh_surface(model: mujoco.MjModel, mesh: int) -> tuple[Array, NDArray[np.int32]]:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.hulls.hull import Hull
-from sim.hulls.union import overlapping, shared_volume, united
+from sim.hulls.solids import overlapping
+from sim.hulls.union import shared_volume, united
 from sim.methods import Settings
 from sim.mjcf.drag_fields import DragFields
 from sim.mjcf.floats import FloatingGeom
@@ -84,6 +85,7 @@ def united_shapes(model: mujoco.MjModel, shapes: Sequence[Shape]) -> tuple[list[
                 f"would count {_percentage(twice, hull.volume)} of the volume twice "
                 "(numeric 'buoyancy_union' 0 keeps them separate)"
             )
+            notes += [f"{_listed(names)} are united: {change}" for change in hull.changes]
     order = {g: i for i, shape in enumerate(shapes) for g in shape.geoms}
     return sorted(results, key=lambda shape: order[shape.geoms[0]]), notes
 
