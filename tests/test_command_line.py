@@ -162,8 +162,8 @@ def test_unwritable_outputs_are_refused_before_the_work(tmp_path, monkeypatch):
     file.touch()
     check_outputs((None, file, tmp_path / "new" / "folder" / "a"), [])
     for bad, message in (
-        (tmp_path, "is a folder or a device"),
-        (tmp_path.joinpath("/dev/null"), "is a folder or a device"),
+        (tmp_path, "is no file but a folder or a device"),
+        (tmp_path.joinpath("/dev/null"), "is no file but a folder or a device"),
         (file / "deep" / "a", "cannot be written because of .*file; give another name"),
     ):
         with pytest.raises(ValueError, match=message):

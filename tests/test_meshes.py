@@ -12,8 +12,9 @@ from scenes import model
 
 from independent import load_mesh
 from sim import Buoyancy, Hull
+from sim.hulls.files import read_surface
 from sim.hulls.repair import repair
-from sim.hulls.survey import read_surface, survey
+from sim.hulls.survey import survey
 from sim.hulls.union import decked, outer_surface, overlapping, united
 
 ROUND_OFF = 1e-9

@@ -46,7 +46,7 @@ class Hull:
     bounds: Array
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        vertices, faces = _checked_arrays(vertices, faces)
+        vertices, faces = checked_arrays(vertices, faces)
         vertices, faces = _merged(vertices, faces)
         _check_edges(faces)
         self._set(vertices, _turned_outward(vertices, faces))
@@ -95,7 +95,9 @@ def _closed(value: Any) -> Any:
     return read_only(value) if isinstance(value, np.ndarray) else value
 
 
-def _checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
+def checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
+    """Copies of vertices and faces. Raises ValueError if they are not arrays of finite positions
+    and of indices into them."""
     vertices = np.array(vertices, dtype=float)  # a copy, because it becomes read-only
     faces = np.asarray(faces)
     if vertices.size == 0 or faces.size == 0:
