@@ -182,14 +182,16 @@ def reader_of(source: Clock) -> Callable[[], int]:
     @intrinsic
     def nanoseconds(typingctx):
         def codegen(context, builder, signature, args):
-            fields = cgutils.alloca_once(builder, WORD, size=2, zfill=True)
+            fields = cgutils.alloca_once(builder, WORD, size=2)
+            second = builder.gep(fields, [WORD(1)])
+            builder.store(WORD(0), second)  # some clocks write only the first
             half, billion, rate = ir.IntType(32), WORD(10**9), WORD(source.rate)
             kinds = [half] * len(source.numbers) + [fields.type]
             read = cgutils.get_or_insert_function(
                 builder.module, ir.FunctionType(half, kinds), source.name
             )
             builder.call(read, [*map(half, source.numbers), fields])
-            ticks, rest = builder.load(fields), builder.load(builder.gep(fields, [WORD(1)]))
+            ticks, rest = builder.load(fields), builder.load(second)
             seconds, part = builder.udiv(ticks, rate), builder.urem(ticks, rate)
             parts = builder.udiv(builder.mul(part, billion), rate)
             return builder.add(builder.add(builder.mul(seconds, billion), parts), rest)
