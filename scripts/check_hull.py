@@ -29,8 +29,9 @@ from command_line import (
     write_whole,
 )
 from sim import Hull
+from sim.hulls.files import read_surface
 from sim.hulls.repair import Repaired, repair
-from sim.hulls.survey import Survey, read_surface, survey
+from sim.hulls.survey import Survey, survey
 from sim.hulls.union import decked
 
 Surface = tuple[NDArray, NDArray]

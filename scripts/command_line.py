@@ -13,13 +13,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 os.environ.setdefault("RUST_LOG", "off")  # keeps Rerun from printing errors besides ours
 
 UNUSABLE_INPUT, DIVERGED, UNWRITABLE, BROKEN_PIPE = 2, 3, 4, 141
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
+
+Number = TypeVar("Number", int, float)
 
 LARGEST_NUMBER, LARGEST_COUNT = 1e9, 1_000_000
 """Bounds of numbers and counts on the command line."""
@@ -40,34 +42,43 @@ class Parser(argparse.ArgumentParser):
         self.exit(UNUSABLE_INPUT, f"{self.prog}: {message} (see --help)\n")
 
 
+def _number(
+    text: str, kind: type[Number], is_valid: Callable[[Number], bool], expected: str
+) -> Number:
+    """A number from the command line. Always raises argparse's own error, because argparse shows
+    the name of the function that raised any other error."""
+    try:
+        value = kind(text)
+        if is_valid(value):
+            return value
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"{text} is not {expected}")
+
+
 def positive(text: str) -> float:
     """A number above 0 from the command line."""
-    value = float(text)
-    if not 0.0 < value <= LARGEST_NUMBER:
-        raise argparse.ArgumentTypeError(
-            f"{text} is not a number above 0 and at most {LARGEST_NUMBER:g}"
-        )
-    return value
+    expected = f"a number above 0 and at most {LARGEST_NUMBER:g}"
+    return _number(text, float, lambda value: 0.0 < value <= LARGEST_NUMBER, expected)
+
+
+def not_negative(text: str) -> float:
+    """A number from 0 on from the command line."""
+    expected = f"a number from 0 to {LARGEST_NUMBER:g}"
+    return _number(text, float, lambda value: 0.0 <= value <= LARGEST_NUMBER, expected)
 
 
 def at_least(lowest: int, highest: int = LARGEST_COUNT) -> Callable[[str], int]:
     """A reader of whole numbers from `lowest` to `highest` from the command line."""
-
-    def read(text: str) -> int:
-        value = int(text)
-        if not lowest <= value <= highest:
-            raise argparse.ArgumentTypeError(f"{value} is not from {lowest} to {highest}")
-        return value
-
-    read.__name__ = "whole number"  # appears in argparse's error if int() fails
-    return read
+    expected = f"a whole number from {lowest} to {highest}"
+    return lambda text: _number(text, int, lambda value: lowest <= value <= highest, expected)
 
 
 def named_number(text: str) -> tuple[str, float]:
     """A name and a number above 0 from the command line, "NAME=NUMBER"."""
-    name, equals, number = text.rpartition("=")
-    if not equals or not name:
-        raise argparse.ArgumentTypeError(f"'{text}': expected NAME=NUMBER")
+    name, _, number = text.rpartition("=")
+    if not name:
+        raise argparse.ArgumentTypeError(f"'{text}' is not NAME=NUMBER")
     return name, positive(number)
 
 
@@ -184,12 +195,12 @@ def print_table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path]) -> None:
     """Raise ValueError for an output that is no file, is also an input or another output, or cannot
     be written."""
-    read, written = {path.resolve() for path in inputs}, set()
+    read, written = {_target(path) for path in inputs}, set()
     for path in filter(None, outputs):
-        target = path.resolve()
+        target = _target(path)
         existing = next(p for p in (target, *target.parents) if p.exists())
         if existing == target and not target.is_file():
-            raise ValueError(f"{path} is a folder or a device; give the name of a file")
+            raise ValueError(f"{path} is no file but a folder or a device; give another name")
         if target in read:
             raise ValueError(f"{path} is read and would be written over; give another name")
         if target in written:
@@ -197,6 +208,14 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path]) -> Non
         if not os.access(existing, os.W_OK) or (existing != target and not existing.is_dir()):
             raise ValueError(f"{path} cannot be written because of {existing}; give another name")
         written.add(target)
+
+
+def _target(path: Path) -> Path:
+    """The path with all links followed. Raises ValueError for links in a circle."""
+    try:
+        return path.resolve()
+    except RuntimeError:
+        raise ValueError(f"{path} is a link that leads to itself; give another name") from None
 
 
 def check_drawable(path: Path | None) -> None:
@@ -209,13 +228,17 @@ def check_drawable(path: Path | None) -> None:
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Write a file atomically: `write` writes another file in its folder, which then replaces it. A
-    failure leaves the old file. Missing folders are made."""
+    failure leaves the old file. Missing folders are made. Raises OSError with the path."""
     target = path.resolve()  # replaces the target of a link, not the link
-    target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{os.getpid()}.{target.name}")
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
         write(temporary)
         temporary.replace(target)
+    except OSError as error:
+        from sim.runs.locked import raise_unwritable
+
+        raise_unwritable(path, error)
     finally:
         temporary.unlink(missing_ok=True)
 

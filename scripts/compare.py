@@ -278,15 +278,19 @@ def main(arguments: list[str] | None = None) -> int:
             twins = load(options)
             first = next(iter(twins.values()))
             check_run(first, options.duration, options.rate)
-            recorder = None if recording is None else SideBySideRecorder(recording, twins)
     except (ValueError, OSError) as error:
         return failure(error)
     history, status, started = History(len(twins), first.model.opt.timestep), 0, perf_counter()
     try:
-        with stops_held() as check, notes_said(), recorder or nullcontext():
-            run(twins, options, recorder, history, check)
-    except (DivergenceError, OSError, Stopped) as error:
+        with stops_held() as check, notes_said():  # no stop leaves the recorder open
+            recorder = None if recording is None else SideBySideRecorder(recording, twins)
+            started = perf_counter()
+            with recorder or nullcontext():
+                run(twins, options, recorder, history, check)
+    except (DivergenceError, ValueError, OSError, Stopped) as error:
         status = failure(error)
+        if not history.last:
+            return status
     summary = summarise(twins, options, history)
     summary["wall_s"] = perf_counter() - started
     summary["recording"] = None if recording is None else str(recording)

@@ -197,24 +197,28 @@ def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, A
         with notes_said(options.quiet):
             scene = load(path, options)
             series = None if options.series is None else Series(scene)
-            recorder = open_recorder(recording, scene, options)
     except (ValueError, OSError) as error:
         return failure(error), None
-    tally, status, started = Tally(scene), 0, perf_counter()
+    tally, status, recorder, started = Tally(scene), 0, None, perf_counter()
     consumers = [tally.add]
     consumers += [] if series is None else [series.add]
-    consumers += [] if recorder is None else [recorder.log]
     try:
-        with stops_held() as check, notes_said(options.quiet), recorder or nullcontext():
-            run(scene, options, consumers, check)
-    except (DivergenceError, OSError, Stopped) as error:
+        with stops_held() as check, notes_said(options.quiet):
+            recorder = open_recorder(recording, scene, options)  # no stop leaves it open
+            consumers += [] if recorder is None else [recorder.log]
+            started = perf_counter()
+            with recorder or nullcontext():
+                run(scene, options, consumers, check)
+    except (DivergenceError, ValueError, OSError, Stopped) as error:
         status = failure(error)
+        if tally.last is None:
+            return status, None
     summary = summarise(scene, tally, perf_counter() - started, recording, recorder)
     try:
-        write_json(options.json, summary)
         if series is not None:
             kind, columns = options.series.suffix, series.columns()
             write_whole(options.series, lambda path: write_columns(path, columns, kind))
+        write_json(options.json, summary)
     finally:
         if not options.quiet:
             print_summary(summary)

@@ -3,14 +3,13 @@
     python scripts/snapshot.py recordings/bunny.rrd --time 5 --output bunny.png
 
 Rerun's viewer draws the picture. It needs a Vulkan driver; the one in Debian's mesa-vulkan-drivers
-works without a graphics card. The script runs on Linux and macOS only.
+works without a graphics card.
 
 Exit status: 0 on success, 2 if no picture was made, 4 if it cannot be written, 130 after Ctrl-C,
 143 after SIGTERM.
 """
 
 import argparse
-import math
 import socket
 import subprocess
 import tempfile
@@ -25,7 +24,16 @@ from typing import IO
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from command_line import Parser, check_outputs, failure, run_script, write_whole
+from command_line import (
+    Parser,
+    at_least,
+    check_outputs,
+    failure,
+    not_negative,
+    positive,
+    run_script,
+    write_whole,
+)
 from sim.recording.reader import reader, whole
 from viewer_process import end_viewer, start_viewer
 
@@ -35,8 +43,8 @@ TIMELINE = "time"
 TIME_ROUNDING = 1e-3
 """Seconds by which --time may lie outside the recording, because messages round its times."""
 
-SIDES = range(64, 4097)
-"""Possible widths and heights [pixels]; every Vulkan driver draws up to 4096."""
+SIDES = 64, 4096
+"""Least and largest width and height [pixels]; every Vulkan driver draws up to 4096."""
 
 TITLE_STRIP = 37
 """Height [pixels] of the blank strip at the top of Rerun 0.41's viewer when it shows no menu."""
@@ -53,37 +61,23 @@ class SnapshotError(ValueError):
     """No picture can be made; the message says why and what to do, in one line."""
 
 
-def side(text: str) -> int:
-    """A width or height [pixels] from the command line."""
-    pixels = int(text)
-    if pixels not in SIDES:
-        raise argparse.ArgumentTypeError(
-            f"found {pixels} pixels, expected {SIDES.start} to {SIDES.stop - 1}"
-        )
-    return pixels
-
-
-def seconds(text: str) -> float:
-    """A time [s] from the command line."""
-    value = float(text)
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"{text} s is not a time; expected a finite one >= 0")
-    return value
-
-
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(__doc__)
     parser.add_argument("recording", type=Path, metavar="FILE.rrd", help="written by run.py")
     parser.add_argument(
-        "--time", type=seconds, metavar="S", help="simulated time [s] (half-way through)"
+        "--time", type=not_negative, metavar="S", help="simulated time [s] (half-way through)"
     )
     parser.add_argument(
         "--output", type=Path, metavar="FILE.png", help="default: beside the recording, as .png"
     )
-    parser.add_argument("--width", type=side, default=1600, metavar="PIXELS", help="(1600)")
-    parser.add_argument("--height", type=side, default=900, metavar="PIXELS", help="(900)")
     parser.add_argument(
-        "--timeout", type=seconds, default=60.0, metavar="S", help="longest wait [s] (60)"
+        "--width", type=at_least(*SIDES), default=1600, metavar="PIXELS", help="(1600)"
+    )
+    parser.add_argument(
+        "--height", type=at_least(*SIDES), default=900, metavar="PIXELS", help="(900)"
+    )
+    parser.add_argument(
+        "--timeout", type=positive, default=60.0, metavar="S", help="longest wait [s] (60)"
     )
     options = parser.parse_args(arguments)
     options.output = options.output or options.recording.with_suffix(".png")

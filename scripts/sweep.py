@@ -11,14 +11,12 @@ continues from them.
 import argparse
 import importlib.util
 import json
-import os
 import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
-from typing import TextIO
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
@@ -39,6 +37,7 @@ from command_line import (
     write_whole,
 )
 from sim.mjcf.files import model_files
+from sim.runs.locked import LockedFile
 from sim.runs.sweep import Plan, Row, Run, as_columns, check_plan, kept_rows, perform, runs_of
 from sim.runs.tables import check_ending, write_columns
 
@@ -104,29 +103,39 @@ def rows_of(plan: Plan, runs: Sequence[Run], options: argparse.Namespace) -> Ite
         yield from Parallel(return_as="generator_unordered", batch_size=1)(tasks)
 
 
-def keep(file: TextIO, row: Row) -> None:
-    """Append a row to a file and make sure that it is on the disk."""
-    file.write(json.dumps(row) + "\n")
-    file.flush()
-    os.fsync(file.fileno())
+def keep(file: LockedFile, row: Row) -> None:
+    """Write a row to the disk."""
+    file.append(json.dumps(row).encode() + b"\n")
+
+
+def resumed_rows(
+    file: LockedFile, plan: Plan, runs: Sequence[Run], options: argparse.Namespace
+) -> list[Row]:
+    """The finished rows in a file, to which rows can be appended then. Raises ValueError."""
+    if file.size and not options.resume:
+        raise ValueError(f"{file.name} has rows of an interrupted sweep; use --resume or remove it")
+    try:
+        rows, size = kept_rows(file.path.read_bytes(), plan, runs)
+    except ValueError as error:
+        raise ValueError(f"{file.name}: {error}; remove it or use its options") from None
+    file.cut(size)
+    return rows
 
 
 def collect(
-    plan: Plan, runs: Sequence[Run], rows: list[Row], options: argparse.Namespace, kept: Path
+    plan: Plan, runs: Sequence[Run], rows: list[Row], options: argparse.Namespace, file: LockedFile
 ) -> None:
-    """Do the missing runs and append their rows to `rows` and to the file `kept`. Raises OSError if
-    a worker was killed."""
+    """Do the missing runs and append their rows to `rows` and to a file. Raises OSError if a worker
+    was killed."""
     done = {row["run"] for row in rows}
     missing = [run for run in runs if run.number not in done]
-    kept.parent.mkdir(parents=True, exist_ok=True)
     with (
         notes_said(quiet=True),  # joblib warns of abandoned tasks
         stops_held() as check,
-        kept.open("a", encoding="utf-8") as file,
         progress(len(runs), "runs", options.quiet) as bar,
     ):
         bar.update(len(rows))
-        if not file.tell():
+        if not file.size:
             keep(file, plan.as_row())
         try:
             for row in rows_of(plan, missing, options):
@@ -163,6 +172,29 @@ def print_summary(rows: Sequence[Row], wall_s: float, path: Path) -> None:
         print(f"run {row['run']}: {row['status']}")
 
 
+def sweep(plan: Plan, runs: Sequence[Run], options: argparse.Namespace, file: LockedFile) -> int:
+    """Do the runs that have no row in a file, write the table, and return the exit status."""
+    check_cluster(options.dask)
+    with notes_said(options.quiet):
+        check_plan(plan, runs[0])
+    rows = resumed_rows(file, plan, runs, options)
+    started, before = perf_counter(), len(rows)
+    try:
+        collect(plan, runs, rows, options, file)
+    except (OSError, Stopped) as error:
+        status = failure(error)
+        kept = len(rows) if file.is_open else 0  # a file that was removed is closed
+        say(f"{kept} of {len(runs)} runs are saved; --resume does the others")
+        return status
+    kind, columns = options.output.suffix, as_columns(rows)
+    write_whole(options.output, lambda path: write_columns(path, columns, kind))
+    file.cut(0)
+    if not options.quiet:
+        print_summary(rows, (perf_counter() - started) * len(rows) / max(len(rows) - before, 1),
+                      options.output)  # fmt: skip
+    return 0
+
+
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     kept = options.output.with_name(f"{options.output.name}.rows")
@@ -171,28 +203,10 @@ def main(arguments: list[str] | None = None) -> int:
         check_ending(options.output)
         runs = runs_of(options.settings, options.seeds, options.starts)
         plan = Plan(options.scene.resolve(), options.duration, options.warm_up, options.rate)
-        rows = kept_rows(kept, plan, runs) if options.resume else []
-        if not options.resume and kept.exists():
-            raise ValueError(f"{kept} has rows of an interrupted sweep; use --resume or remove it")
-        check_cluster(options.dask)
-        with notes_said(options.quiet):
-            check_plan(plan, runs[0])
+        with LockedFile(kept) as file:
+            return sweep(plan, runs, options, file)
     except (ValueError, OSError) as error:
         return failure(error)
-    started, before = perf_counter(), len(rows)
-    try:
-        collect(plan, runs, rows, options, kept)
-    except (OSError, Stopped) as error:
-        status = failure(error)
-        say(f"{len(rows)} of {len(runs)} runs are saved; --resume does the others")
-        return status
-    kind, columns = options.output.suffix, as_columns(rows)
-    write_whole(options.output, lambda path: write_columns(path, columns, kind))
-    kept.unlink()
-    if not options.quiet:
-        print_summary(rows, (perf_counter() - started) * len(rows) / max(len(rows) - before, 1),
-                      options.output)  # fmt: skip
-    return 0
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ checks that:
     geometry                  areas, volumes, rotations of triangles and bodies
     kernels                   compilation of kernels, and the blocks of tables they read
     addresses                 arrays, functions and counters at addresses in memory
+    platforms                 what Linux, macOS and Windows do differently
 
 Nothing below mjcf imports MuJoCo. Only recording imports Rerun, which is loaded at first use.
 """

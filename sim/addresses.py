@@ -15,6 +15,8 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic as typed_intrinsic
 from numba.np.arrayobj import make_array, populate_array
 
+from sim.platforms import Clock, clock
+
 BYTE, WORD = ir.IntType(8), ir.IntType(64)
 
 intrinsic: Any = typed_intrinsic
@@ -173,20 +175,34 @@ def call(typingctx, address, arguments):
     return types.none(types.int64, types.UniTuple(types.int64, len(arguments))), codegen
 
 
-@intrinsic
-def nanoseconds(typingctx, address, number):
-    """Read clock `number` [ns] by the C library's clock_gettime, which is at an address."""
+def reader_of(source: Clock) -> Callable[[], int]:
+    """Make an intrinsic that reads a clock [ns]."""
+    llvmlite.binding.add_symbol(source.name, source.address)
 
-    def codegen(context, builder, signature, args):
-        fields = cgutils.alloca_once(builder, WORD, size=2)
-        half = ir.IntType(32)
-        read = _pointer(builder, args[0], ir.FunctionType(half, [half, fields.type]))
-        builder.call(read, [builder.trunc(args[1], half), fields])
-        second = builder.gep(fields, [WORD(1)])
-        seconds = builder.mul(builder.load(fields), WORD(10**9))
-        return builder.add(seconds, builder.load(second))
+    @intrinsic
+    def nanoseconds(typingctx):
+        def codegen(context, builder, signature, args):
+            fields = cgutils.alloca_once(builder, WORD, size=2)
+            second = builder.gep(fields, [WORD(1)])
+            builder.store(WORD(0), second)  # some clocks write only the first
+            half, billion, rate = ir.IntType(32), WORD(10**9), WORD(source.rate)
+            kinds = [half] * len(source.numbers) + [fields.type]
+            read = cgutils.get_or_insert_function(
+                builder.module, ir.FunctionType(half, kinds), source.name
+            )
+            builder.call(read, [*map(half, source.numbers), fields])
+            ticks, rest = builder.load(fields), builder.load(second)
+            seconds, part = builder.udiv(ticks, rate), builder.urem(ticks, rate)
+            parts = builder.udiv(builder.mul(part, billion), rate)
+            return builder.add(builder.add(builder.mul(seconds, billion), parts), rest)
 
-    return types.int64(types.int64, types.int64), codegen
+        return types.int64(), codegen
+
+    return nanoseconds
+
+
+nanoseconds = reader_of(clock())
+"""The time [ns] of a clock that never runs backwards."""
 
 
 @intrinsic

@@ -188,7 +188,7 @@ def test_speed_vs_error_reports_that_matplotlib_is_missing(tmp_path, monkeypatch
     [
         (["--methods", "linear", "guess"], "'guess' is not a method"),
         (["--hulls", "teapot"], "invalid choice: 'teapot'"),
-        (["--poses", "1"], "1 is not from 2"),
+        (["--poses", "1"], "1 is not a whole number from 2"),
         (["--quick", "--json", MODELS / "cube.xml" / "out.json"], "cannot be written because of"),
     ],
 )

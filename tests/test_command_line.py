@@ -1,10 +1,12 @@
 """What all scripts share: signals, notes, files, tables, broken pipes."""
 
+import ast
 import os
 import signal
 import subprocess
 import sys
 import warnings
+from argparse import ArgumentTypeError
 from contextlib import suppress
 
 import pytest
@@ -12,15 +14,19 @@ import pytest
 from command_line import (
     UNWRITABLE,
     Stopped,
+    at_least,
     check_outputs,
+    named_number,
+    not_negative,
     notes_said,
+    positive,
     print_table,
     progress,
     run_script,
     stops_held,
     write_whole,
 )
-from independent import REPOSITORY
+from independent import REPOSITORY, status_of
 from sim import ModelError, Note
 
 
@@ -153,6 +159,11 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     write_whole(link, lambda beside: beside.write_text("new"))
     assert file.read_text() == "new"
     assert link.is_symlink()
+    early = tmp_path / "early.json"
+    early.symlink_to(tmp_path / "none" / "yet.json")
+    write_whole(early, lambda beside: beside.write_text("new"))
+    assert (tmp_path / "none" / "yet.json").read_text() == "new"
+    assert early.is_symlink()
     write_whole(tmp_path / "new" / "folder" / "a", lambda beside: beside.write_text("there"))
     assert (tmp_path / "new" / "folder" / "a").read_text() == "there"
 
@@ -160,10 +171,14 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
 def test_unwritable_outputs_are_refused_before_the_work(tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.touch()
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
     check_outputs((None, file, tmp_path / "new" / "folder" / "a"), [])
     for bad, message in (
-        (tmp_path, "is a folder or a device"),
-        (tmp_path.joinpath("/dev/null"), "is a folder or a device"),
+        (tmp_path, "is no file but a folder or a device"),
+        (tmp_path.joinpath("/dev/null"), "is no file but a folder or a device"),
+        (tmp_path / "pipe", "is no file but a folder or a device"),
+        (tmp_path / "circle", "is a link that leads to itself"),
         (file / "deep" / "a", "cannot be written because of .*file; give another name"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -171,4 +186,35 @@ def test_unwritable_outputs_are_refused_before_the_work(tmp_path, monkeypatch):
     monkeypatch.setattr("os.access", lambda path, mode: False)
     with pytest.raises(ValueError, match="cannot be written because of"):
         check_outputs([file], [])
-    assert list(tmp_path.iterdir()) == [file]
+    assert {path.name for path in tmp_path.iterdir()} == {"file", "pipe", "circle"}
+
+
+READERS = positive, not_negative, at_least(2, 9), named_number
+
+
+@pytest.mark.parametrize("read", READERS)
+@pytest.mark.parametrize("text", ["x", "", "nan", "-1", "1e300", "a=b", "=1"])
+def test_numbers_are_refused_by_what_is_expected(read, text):
+    """argparse would name the function after any other error."""
+    with pytest.raises(ArgumentTypeError, match=r"is not (a|NAME=)"):
+        read(text)
+
+
+def test_scripts_read_numbers_only_by_these_readers():
+    used = set()
+    for path in REPOSITORY.glob("scripts/**/*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "add_argument":
+                kinds = [keyword.value for keyword in node.keywords if keyword.arg == "type"]
+                used |= {ast.unparse(kind).partition("(")[0] for kind in kinds}
+    assert used == {"Path", "positive", "not_negative", "at_least", "named_number"}
+
+
+@pytest.mark.parametrize("named", ["scene", "mesh"])
+def test_a_pipe_as_input_is_refused_at_once(named, tmp_path, capsys):
+    os.mkfifo(tmp_path / "pipe.stl")
+    scene = tmp_path / "scene.xml"
+    scene.write_text('<mujoco><asset><mesh name="m" file="pipe.stl"/></asset></mujoco>')
+    given = tmp_path / "pipe.stl" if named == "scene" else scene
+    assert status_of("run.py", given, "--no-record") == 2
+    assert "pipe.stl" in capsys.readouterr().err

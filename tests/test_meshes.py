@@ -1,6 +1,8 @@
 """Faulty surfaces: surveyed, repaired with all their parts, united, decked."""
 
 import json
+import re
+import sys
 import warnings
 
 import check_hull
@@ -12,9 +14,10 @@ from scenes import model
 
 from independent import load_mesh
 from sim import Buoyancy, Hull
+from sim.hulls.files import read_surface
 from sim.hulls.repair import repair
 from sim.hulls.solids import overlapping
-from sim.hulls.survey import read_surface, survey
+from sim.hulls.survey import survey
 from sim.hulls.union import decked, united
 
 ROUND_OFF = 1e-9
@@ -269,3 +272,126 @@ def test_a_repaired_hull_floats(tmp_path):
         warnings.simplefilter("error")
         buoyancy = Buoyancy.of(compiled)
     assert buoyancy.floats[0].method.hull.volume == pytest.approx(1.304, rel=1e-6)
+
+
+def damaged(content: bytes, rng: np.random.Generator) -> bytes:
+    """A file that was cut, or in which bytes or a number were replaced."""
+    at = int(rng.integers(len(content)))
+    numbers = [found.span() for found in re.finditer(rb"-?\d+\.?\d*(e-?\d+)?", content)]
+    word = rng.choice([b"nan", b"inf", b"-1", b"1e300", b"99999999999999999999", b""])
+    first, end = numbers[int(rng.integers(len(numbers)))] if numbers else (at, at)
+    wild = [rng.bytes(4), np.float32("nan").tobytes(), np.int32(10_000).tobytes()]
+    return [
+        content[:at],
+        content[:at] + wild[int(rng.integers(3))] + content[at + 4 :],
+        content[:first] + word + content[end:],
+    ][int(rng.integers(3))]
+
+
+@pytest.mark.parametrize(
+    "kind", ["obj", "stl", "stl_ascii", "ply", "off", "glb", "gdf", "dat", "pnl"]
+)
+def test_a_damaged_file_is_read_or_refused_in_one_line(kind, tmp_path):
+    """Never with another error, and never with indices out of range or numbers that are not
+    finite."""
+    rng, path = np.random.default_rng(3), tmp_path / f"a.{kind.removesuffix('_ascii')}"
+    if kind in PANEL_FILES:
+        content = PANEL_FILES[kind].encode()
+    else:
+        exported = made_hulls.box([1, 1, 1]).export(file_type=kind)
+        content = exported if isinstance(exported, bytes) else exported.encode()
+    path.write_bytes(content)
+    assert read_surface(path)[1].shape[1] == 3
+    refusals = []
+    for _ in range(60):
+        path.write_bytes(damaged(content, rng))
+        try:
+            vertices, faces = read_surface(path)
+        except ValueError as error:
+            refusals.append(str(error))
+        else:
+            assert np.isfinite(vertices[faces]).all()
+            assert faces.min() >= 0
+    assert refusals
+    assert all(text.startswith(f"{path}: ") and "\n" not in text for text in refusals)
+
+
+@pytest.mark.parametrize("kind", ["ply", "glb"])
+def test_a_face_index_out_of_range_is_refused(kind, tmp_path, capsys):
+    mesh = made_hulls.box([1, 1, 1])
+    mesh.faces[3, 1] = 8
+    path = tmp_path / f"a.{kind}"
+    path.write_bytes(mesh.export(file_type=kind))
+    assert run(path) == 2
+    assert "1 face indices lie outside 0..7" in capsys.readouterr().err
+
+
+def test_a_missing_package_is_named_with_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "collada", None)
+    monkeypatch.setattr(
+        trimesh.exchange.load, "mesh_loaders", {"dae": trimesh.exchange.dae.load_collada}
+    )
+    path = tmp_path / "a.dae"
+    path.write_text("<COLLADA/>")
+    with pytest.raises(ValueError, match=r"needs pycollada for \.dae.*pip install '\.\[meshes\]'"):
+        read_surface(path)
+
+
+def test_copies_of_vertices_in_stl_files_have_one_story(tmp_path, capsys):
+    """Binary and ASCII. The rims are those of the hull with merged vertices, and the refusal says
+    why it is refused nevertheless."""
+    corners = made_hulls.capsule(0.3, 2.0).triangles.astype(np.float32)
+    corners[5, 1, 0] = np.nextafter(corners[5, 1, 0], np.float32(9))
+    mesh = made_hulls.made(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    printed = []
+    for kind in ("stl", "stl_ascii"):
+        (tmp_path / "a.stl").unlink(missing_ok=True)
+        exported = mesh.export(file_type=kind)
+        content = exported if isinstance(exported, bytes) else exported.encode()
+        (tmp_path / "a.stl").write_bytes(content)
+        assert run(tmp_path / "a.stl") == 1
+        printed.append(capsys.readouterr().out)
+        assert run(tmp_path / "a.stl", "--repair", tmp_path / "out.obj") == 0
+        capsys.readouterr()
+    assert printed[0] == printed[1]
+    assert re.search(r"open rims +0\n", printed[0])
+    assert "1 vertices are not quite where others are" in printed[0]
+
+
+QUARTER = ((0, 0, -1), (0, 2, -1), (4, 2, -1), (4, 0, -1), (4, 2, 0), (4, 0, 0), (0, 2, 0))
+QUARTER_PANELS = ((1, 2, 3, 4), (4, 3, 5, 6), (3, 2, 7, 5))
+"""The wetted quarter x > 0, y > 0 of a barge of 8 x 4 x 1 m; indices count from 1."""
+
+
+def _places(numbers) -> str:
+    return " ".join(map(str, np.array(QUARTER)[np.array(numbers) - 1].ravel()))
+
+
+_CORNERS = "".join(f"{i} {x} {y} {z}\n" for i, (x, y, z) in enumerate(QUARTER, 1))
+_HALF = np.array(QUARTER) * [-1, 1, 1]
+_HALF_CORNERS = "".join(f"{i + 7} {x} {y} {z}\n" for i, (x, y, z) in enumerate(_HALF.tolist(), 1))
+_PANELS = [*QUARTER_PANELS, *(tuple(7 + i for i in panel[::-1]) for panel in QUARTER_PANELS)]
+PANEL_FILES = {
+    "gdf": "a quarter\n1 9.81 ULEN GRAV\n1 1 ISX ISY\n3\n"
+    + "".join(_places(panel) + "\n" for panel in QUARTER_PANELS),
+    "dat": f"2 1\n{_CORNERS}{_HALF_CORNERS}0 0. 0. 0.\n"
+    + "".join(" ".join(map(str, panel)) + "\n" for panel in _PANELS)
+    + "0 0 0 0\n",
+    "pnl": f"--- Hull Mesh File ---\n# Numbers\n3 7 1 1\n\n# Nodes\n{_CORNERS}# Panels\n"
+    + "".join(f"{i} 4 {' '.join(map(str, p))}\n" for i, p in enumerate(QUARTER_PANELS, 1)),
+}
+
+
+@pytest.mark.parametrize("kind", [*PANEL_FILES, "mar"])
+def test_a_panel_file_is_a_wetted_surface_that_a_repair_closes_at_the_waterline(kind, tmp_path):
+    path = tmp_path / f"a.{kind}"
+    path.write_text(PANEL_FILES["dat" if kind == "mar" else kind])
+    surface = read_surface(path)
+    found = survey(*surface)
+    assert found.extents == (8.0, 4.0, 1.0)
+    assert found.area == pytest.approx(8 * 4 + 2 * (8 + 4), rel=ROUND_OFF)
+    assert found.twisted_edges == 0
+    (rim,) = found.rims
+    np.testing.assert_allclose(rim.extents, [8.0, 4.0, 0.0], atol=ROUND_OFF)
+    assert "not closed" in found.refusal
+    assert repair(*surface).hull.volume == pytest.approx(8 * 4 * 1, rel=ROUND_OFF)

@@ -1,14 +1,17 @@
 """Files of recordings: one writer per file, and files that are removed or replaced."""
 
 import os
+import signal
 import time
 from threading import Thread
 
 import pytest
+from rerun.chunk import RrdReader
 
 from command_line import UNUSABLE_INPUT, UNWRITABLE
 from independent import MODELS, status_of
 from sim import Recorder, Scene, read_series, simulate
+from sim.recording.recorder import SceneWriter
 
 CUBE = MODELS / "cube.xml"
 
@@ -42,7 +45,7 @@ def replace(path) -> None:
 @pytest.mark.parametrize("interfere", [os.remove, replace], ids=["removed", "replaced"])
 def test_a_removed_recording_ends_the_run(interfere, tmp_path):
     scene, path = Scene.load(CUBE), tmp_path / "a.rrd"
-    with pytest.raises(OSError, match=r"a\.rrd: the recording was removed while it was written"):
+    with pytest.raises(OSError, match=r"a\.rrd was removed while it was written"):
         record(path, scene, lambda: interfere(path))
     assert not path.exists() or path.read_bytes() == b"another file"
 
@@ -60,7 +63,7 @@ def test_a_script_reports_a_removed_recording_and_prints_its_summary(tmp_path, c
     assert status_of("run.py", CUBE, "--duration", 60, "--record", path) == UNWRITABLE
     printed = capfd.readouterr()
     *notes, line = printed.err.splitlines()
-    assert line == f"run.py: {path}: the recording was removed while it was written"
+    assert line == f"run.py: {path} was removed while it was written; run again"
     assert all(note.startswith("run.py: note: ") for note in notes)
     assert "x real time" in printed.out
     assert list(tmp_path.iterdir()) == []
@@ -83,3 +86,24 @@ def test_rerun_switched_off_is_reported(tmp_path, monkeypatch, capfd):
     assert status_of("run.py", *arguments) == UNUSABLE_INPUT
     assert "variable RERUN is 'off', so Rerun would write an empty" in capfd.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("run.py", CUBE), ("compare.py", CUBE, "--methods", "linear", "--warm-up", "1")],
+    ids=lambda command: command[0],
+)
+def test_a_stop_while_the_recording_is_opened_leaves_a_whole_one(
+    command, tmp_path, monkeypatch, capfd
+):
+    start = SceneWriter.__init__
+
+    def interrupted(*arguments, **options) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        start(*arguments, **options)
+
+    monkeypatch.setattr(SceneWriter, "__init__", interrupted)
+    path = tmp_path / "a.rrd"
+    assert status_of(*command, "--duration", 60, "--record", path) == 130
+    assert len(RrdReader(path).recordings()) == 1
+    assert capfd.readouterr().err.splitlines()[-1].endswith("stopped by SIGINT")

@@ -5,6 +5,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pytest
 import read_recording
+import rerun as rr
 from rerun.chunk import RrdReader
 from scenes import CUBE, WAVES, model
 
@@ -135,3 +136,15 @@ def test_unusable_files_give_one_line_and_status_2(content, message, tmp_path, c
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_recording_by_another_program_is_not_ours(tmp_path, capsys):
+    path = tmp_path / "a.rrd"
+    stream = rr.RecordingStream("another_program")
+    stream.save(path)
+    stream.set_time("time", duration=1.0)
+    stream.log("plots/height/cube", rr.Scalars(1.0))
+    stream.flush(timeout_sec=5)
+    stream.disconnect()
+    assert read_recording.main([str(path)]) == 2
+    assert f"{path} is a recording by another_program, not by Waterline" in capsys.readouterr().err

@@ -503,7 +503,7 @@ def test_nothing_waits_for_a_writer_that_has_died(tmp_path, monkeypatch):
     unregistered = []
     monkeypatch.setattr("rerun.RecordingStream", DeadStream)
     monkeypatch.setattr("atexit.unregister", unregistered.append)
-    with pytest.raises(OSError, match=r"a\.rrd: the recording cannot be written \(Flush timed out"):
+    with pytest.raises(OSError, match=r"a\.rrd cannot be written \(Flush timed out"):
         Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"))
     gc.collect()
     assert DeadStream.freed == []
@@ -516,7 +516,7 @@ def test_an_unwritable_path_is_refused_at_once(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match="file"):
         Recorder(tmp_path / "file" / "cube.rrd", scene)
-    with pytest.raises(IsADirectoryError):
+    with pytest.raises(OSError, match="is no file but a folder or a device"):
         Recorder(tmp_path, scene)
 
 

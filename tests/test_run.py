@@ -73,7 +73,10 @@ BROKEN = {
         "'magic' is not a method; expected one of",
     ),
     "no duration": ([MODELS / "cube.xml", "--duration", "0"], "--duration: 0 is not"),
-    "no number": ([MODELS / "cube.xml", "--rate", "fast"], "--rate: invalid positive value"),
+    "no number": (
+        [MODELS / "cube.xml", "--rate", "fast"],
+        "--rate: fast is not a number above 0 and at most",
+    ),
     "infinite": ([MODELS / "cube.xml", "--timestep", "inf"], "--timestep: inf is not"),
     "no tolerance": (
         [MODELS / "cube.xml", "--set", "buoyancy_tolerance=-1"],
@@ -85,7 +88,7 @@ BROKEN = {
     ),
     "no water": (
         [MODELS / "cube.xml", "--water-resolution", "1"],
-        "resolution: 1 is not from 2 to 1000",
+        "resolution: 1 is not a whole number from 2 to 1000",
     ),
     "unknown option": ([MODELS / "cube.xml", "--fast"], "unrecognized arguments: --fast"),
     "unwritable": (
@@ -234,7 +237,7 @@ def test_a_full_disk_stops_the_run_cleanly(tmp_path):
     )  # fmt: skip
     assert result.returncode == 4, result.stderr
     *notes, line = result.stderr.splitlines()
-    assert line.startswith("run.py: full.rrd: the recording cannot be written")
+    assert line.startswith("run.py: full.rrd cannot be written (")
     assert all(note.startswith("run.py: note: ") for note in notes)
     assert "cube" in result.stdout
     assert recorded_until(tmp_path / "full.rrd") >= 1.0

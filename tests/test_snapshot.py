@@ -81,15 +81,16 @@ def test_pictures_show_the_given_time(take, tmp_path):
 
 
 UNUSABLE = {
-    "not a number": (["--time", "soon"], "--time: invalid seconds value: 'soon'"),
-    "nan": (["--time", "nan"], "--time: nan s is not a time"),
-    "infinite": (["--time", "inf"], "--time: inf s is not a time"),
-    "negative": (["--time", "-1"], "--time: -1 s is not a time"),
+    "not a number": (["--time", "soon"], "--time: soon is not a number from 0"),
+    "nan": (["--time", "nan"], "--time: nan is not a number from 0"),
+    "infinite": (["--time", "inf"], "--time: inf is not a number from 0"),
+    "negative": (["--time", "-1"], "--time: -1 is not a number from 0"),
     "beyond the end": (["--time", "0.6"], "which covers 0.000 to 0.500 s"),
-    "too small": (["--width", "9"], "--width: found 9 pixels, expected 64 to"),
+    "too small": (["--width", "9"], "--width: 9 is not a whole number from 64 to"),
     "too large": (["--height", "99999"], "--height: found 99999 pixels"),
     "unknown option": (["--fast"], "unrecognized arguments: --fast"),
-    "a folder": (["--output", "."], "is a folder or a device; give the name"),
+    "a folder": (["--output", "."], "is no file but a folder or a device"),
+    "no time at all": (["--timeout", "1e300"], "1e300 is not a number above 0"),
     "below a file": (["--output", "text.txt/deep/a.png"], "cannot be written because of"),
     "no time to draw": (["--timeout", "0.01"], "no picture within 0.01 s"),
 }

@@ -8,13 +8,16 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 from scenes import CUBE, WAVES, model, xml
 
+from command_line import UNWRITABLE
 from independent import MODELS, REPOSITORY, receive_ctrl_c, sending, status_of
 from sim import Scene, Sea, simulate
+from sim.runs.locked import LockedFile
 from sim.runs.series import COLUMNS, Series
 from sim.runs.statistics import heights, start_times
 from sim.runs.sweep import Plan, Run, kept_rows, perform, runs_of
@@ -22,6 +25,8 @@ from sim.runs.tables import read_columns, write_columns
 
 SWEEP = [sys.executable, str(REPOSITORY / "scripts" / "sweep.py")]
 SHORT = ("--duration", "4", "--warm-up", "1")
+ROW = {"run": 0, "start": 0.0, "status": "held", "seconds": 1.0, "stepping_seconds": 0.5}
+"""The row of the first run, without statistics."""
 RUNS = (str(MODELS / "cube.xml"), "--starts", "12", "--duration", "6", "--warm-up", "1")
 
 
@@ -176,14 +181,13 @@ def test_a_killed_worker_is_reported_and_finished_rows_are_kept(tmp_path):
     assert (tmp_path / "a.csv.rows").exists()
 
 
-def test_an_incomplete_row_is_removed_before_more_follow(tmp_path):
+def test_an_incomplete_row_is_removed_before_more_follow():
     """Otherwise the next row would continue its line, and a later --resume could read neither."""
-    path, plan = tmp_path / "rows", Plan(MODELS / "cube.xml", 4.0, 1.0, 10.0)
-    complete = json.dumps(plan.as_row()) + '\n{"run": 0, "start": 0.0, "status": "held"}\n'
-    path.write_text(complete + '{"run": 1, "sta')
-    rows = [{"run": 0, "start": 0.0, "status": "held"}]
-    assert kept_rows(path, plan, runs_of([], 0, 1)) == rows
-    assert path.read_text() == complete
+    plan = Plan(MODELS / "cube.xml", 4.0, 1.0, 10.0)
+    complete = f"{json.dumps(plan.as_row())}\n{json.dumps(ROW)}\n".encode()
+    rows, size = kept_rows(complete + b'{"run": 1, "sta', plan, runs_of([], 0, 1))
+    assert rows == [ROW]
+    assert size == len(complete)
 
 
 def test_the_summary_omits_columns_without_numbers(tmp_path, capsys):
@@ -207,12 +211,80 @@ def test_rows_of_another_sweep_are_not_resumed(others, message, tmp_path, capsys
     kept = tmp_path / "a.csv.rows"
     options = ("--set", "wave_swell.amplitude=0.1", "--output", tmp_path / "a.csv", *SHORT)
     rows = [Plan(MODELS / "cube.xml", 4.0, 1.0, 10.0).as_row()]
-    rows += [{"run": 0, "wave_swell.amplitude": "0.1", "start": 0.0, "status": "held"}]
+    rows += [ROW | {"wave_swell.amplitude": "0.1"}]
     kept.write_text("".join(json.dumps(row) + "\n" for row in rows))
     assert status_of("sweep.py", MODELS / "cube.xml", *options, *others, "--resume") == 2
     assert message in capsys.readouterr().err
     assert status_of("sweep.py", MODELS / "cube.xml", *options, "--resume", "--quiet") == 0
     assert read_columns(tmp_path / "a.csv")["status"].tolist() == ["held"]
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ([ROW, ROW], "its line 3 is a second row of run 0"),
+        ([[0, 1]], "its line 2 is not the row of a run"),
+        (["text"], "its line 2 is not the row of a run"),
+        ([{"start": 0.0}], "rows of another sweep"),
+        ([ROW | {"run": -1}], "rows of another sweep"),
+        ([{name: ROW[name] for name in ("run", "start", "status")}], "its line 2 is not the row"),
+        ([ROW | {"cube heave std": "high"}], "its line 2 is not the row of a run"),
+        ([ROW | {"cube heave std": [1.0]}], "its line 2 is not the row of a run"),
+    ],
+)
+def test_rows_of_another_shape_are_refused(lines, message):
+    plan = Plan(MODELS / "cube.xml", 4.0, 1.0, 10.0)
+    text = "".join(json.dumps(line) + "\n" for line in [plan.as_row(), *lines])
+    with pytest.raises(ValueError, match=message):
+        kept_rows(text.encode(), plan, runs_of([], 0, 1))
+
+
+def test_a_second_sweep_into_one_table_is_refused(tmp_path, capsys):
+    arguments = (MODELS / "cube.xml", "--output", tmp_path / "a.csv", *SHORT)
+    with LockedFile(tmp_path / "a.csv.rows"):
+        for more in ((), ("--resume",)):
+            assert status_of("sweep.py", *arguments, *more) == UNWRITABLE
+            assert "a.csv.rows is being written by another run" in capsys.readouterr().err
+
+
+def test_removed_rows_end_the_sweep(tmp_path, capsys):
+    rows = tmp_path / "a.csv.rows"
+
+    def remove() -> None:
+        while not (rows.exists() and rows.stat().st_size):
+            time.sleep(0.01)
+        rows.unlink()
+
+    Thread(target=remove, daemon=True).start()
+    assert status_of("sweep.py", *RUNS, "--output", tmp_path / "a.csv") == UNWRITABLE
+    *_, removed, saved = capsys.readouterr().err.splitlines()
+    assert removed == f"sweep.py: {rows} was removed while it was written; run again"
+    assert saved == "sweep.py: 0 of 12 runs are saved; --resume does the others"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_on_a_full_disk_keeps_what_it_had_and_is_not_left_empty(tmp_path, monkeypatch):
+    path = tmp_path / "new" / "rows"
+
+    def fail(number: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with LockedFile(path) as file, monkeypatch.context() as full:
+        full.setattr("os.fsync", fail)
+        with pytest.raises(
+            OSError, match=r"rows cannot be written \(No space left on device\); make"
+        ):
+            file.append(b"row")
+        assert file.size == 0
+    assert not path.exists()
+    for expected in (b"one\n", b"one\none\n"):
+        with LockedFile(path) as file:
+            file.append(b"one\n")
+            full.setattr("os.fsync", fail)
+            with pytest.raises(OSError, match="cannot be written"):
+                file.append(b"another\n")
+            full.undo()
+        assert path.read_bytes() == expected
 
 
 def test_a_sweep_of_an_edited_scene_is_another_sweep(tmp_path):

@@ -3,7 +3,6 @@
 To push a body, double-click it and drag it with Ctrl and the right mouse button.
 """
 
-import os
 import sys
 import time
 from pathlib import Path
@@ -12,8 +11,9 @@ import mujoco
 import mujoco.viewer
 
 import sim  # noqa: F401  registers the plugin
+from sim.platforms import has_screen
 
-if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+if not has_screen():
     sys.exit("viewer.py: found no screen; record a run with scripts/run.py instead")
 here = Path(__file__).resolve().parents[2] / "models" / "bunny.xml"
 model = mujoco.MjModel.from_xml_path(sys.argv[1] if len(sys.argv) > 1 else str(here))

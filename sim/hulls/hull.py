@@ -46,7 +46,7 @@ class Hull:
     changes: tuple[str, ...]
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        self._set(*outside_of(*_checked_arrays(vertices, faces)))
+        self._set(*outside_of(*checked_arrays(vertices, faces)))
 
     def _set(self, vertices: Array, faces: NDArray[np.int64], changes: tuple[str, ...]) -> None:
         origin = middle(vertices)
@@ -93,7 +93,9 @@ def _closed(value: Any) -> Any:
     return read_only(value) if isinstance(value, np.ndarray) else value
 
 
-def _checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
+def checked_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
+    """Copies of vertices and faces. Raises ValueError if they are not arrays of finite positions
+    and of indices into them."""
     vertices = np.array(vertices, dtype=float)  # a copy, because it becomes read-only
     faces = np.asarray(faces)
     if vertices.size == 0 or faces.size == 0:

@@ -3,18 +3,15 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from sim.geometry import areas, cone_volumes, middle, sides
 from sim.hulls.crossings import crossing_faces
 from sim.hulls.hull import Hull
 from sim.hulls.solids import TOUCHING_SHARE, signed_volume
-from sim.hulls.tidying import MERGING_SHARE, size_of, tidied
+from sim.hulls.tidying import MERGING_SHARE, Tidied, size_of, tidied
 from sim.hulls.topology import edges_of, face_pairs, parts_of, rims_of, wound_alike
 from sim.hulls.union import decked, shared_volume
 
@@ -78,32 +75,6 @@ class Survey:
         return next((rim.symmetry for rim in self.rims if rim.symmetry), "")
 
 
-def read_surface(path: Path, scale: float = 1.0) -> tuple[Array, Indices]:
-    """Vertices (V, 3), scaled, and faces (F, 3) of a file in any format that trimesh reads. Raises
-    ValueError for a file without a surface, and FileNotFoundError."""
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}")
-    try:
-        mesh: Any = trimesh.load(path, process=False, force="mesh")
-        faces = np.asarray(mesh.faces)
-    except ImportError:  # trimesh guesses the encoding with an optional package
-        raise ValueError(
-            f"{path}: trimesh cannot read it: it is no {path.suffix or 'file of a known kind'}"
-        ) from None
-    except Exception as error:  # trimesh's readers raise errors of many kinds
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"{path}: trimesh cannot read it: {reason}") from None
-    if len(faces) == 0:
-        raise ValueError(f"{path}: it has no faces; expected a surface of triangles")
-    vertices = scale * np.asarray(mesh.vertices, dtype=float)
-    broken = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
-    if broken:
-        raise ValueError(f"{path}: {broken} of {len(vertices)} vertices are not finite; drop them")
-    if not np.ptp(vertices, axis=0).any():
-        raise ValueError(f"{path}: all vertices lie in one point; expected a surface of triangles")
-    return vertices, faces.astype(np.int64)
-
-
 def survey(vertices: Array, faces: Indices) -> Survey:
     """The Survey of a surface. Vertices within MERGING_SHARE of its size count as one."""
     tidy = tidied(vertices, faces, MERGING_SHARE * size_of(vertices))
@@ -116,6 +87,8 @@ def survey(vertices: Array, faces: Indices) -> Survey:
     parts = parts_of(tidy.faces)
     inward, nested, overlapping = _closed_parts(tidy.vertices, parts)
     hull, refusal = _hull(vertices, faces)
+    if refusal and not tidy.doubled and _hull(tidy.vertices, tidy.faces)[0]:
+        refusal = _not_quite_equal(vertices, faces, tidy) or refusal
     boat = decked(hull) if hull else None
     return Survey(
         faces=len(faces),
@@ -159,6 +132,19 @@ def _hull(vertices: Array, faces: Indices) -> tuple[Hull | None, str]:
         return Hull(vertices, faces), ""
     except ValueError as error:
         return None, str(error)
+
+
+def _not_quite_equal(vertices: Array, faces: Indices, tidy: Tidied) -> str:
+    """Why `Hull` refuses a surface that it takes when vertices are merged; "" if that is not why.
+    Writers of STL files repeat each vertex, and may round the copies differently."""
+    positions = len(np.unique(vertices[faces].reshape(-1, 3), axis=0))
+    apart = positions - len(tidy.vertices)
+    if not apart:
+        return ""
+    return (
+        f"{apart} vertices are not quite where others are, by up to {MERGING_SHARE:g} of the size, "
+        "so that edges between them are open; --repair merges them"
+    )
 
 
 def _rims(vertices: Array, faces: Indices) -> Iterator[Rim]:

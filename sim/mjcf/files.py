@@ -12,7 +12,7 @@ FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 def model_files(path: Path) -> list[Path]:
     """An MJCF file and all existing files that it or its includes name: includes, meshes, height
-    fields, textures, seas. A file that is not XML names no others."""
+    fields, textures, seas. A file that is not XML names no others. Nothing waits for a pipe."""
     files: list[Path] = [path]
     folders, names, waiting = [path.parent], [], [path]
     while waiting:
@@ -27,11 +27,14 @@ def model_files(path: Path) -> list[Path]:
                 files.append(included)
                 waiting.append(included)
     for name in names:
-        files += [folder / name for folder in folders if (folder / name).is_file()]
+        paths = [folder / name for folder in folders]
+        files += [named for named in paths if named.exists() and not named.is_dir()]
     return list(dict.fromkeys(files))
 
 
 def _elements(path: Path) -> Iterator[ElementTree.Element]:
+    if not path.is_file():
+        return
     try:
         yield from ElementTree.parse(path).iter()
     except (ElementTree.ParseError, OSError, UnicodeDecodeError):

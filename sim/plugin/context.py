@@ -4,7 +4,6 @@ Models with the same content share a context, for example a model and its copies
 """
 
 import ctypes
-import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from threading import RLock
@@ -39,8 +38,6 @@ from sim.resistance.reaction import HULL, hull_row
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
-
-CLOCK_MONOTONIC = getattr(time, "CLOCK_MONOTONIC", 0)
 
 MOST_UNUSED_CONTEXTS = 16
 """Largest number of contexts that are kept while no state uses them. A model is compiled before its
@@ -100,7 +97,7 @@ class Context:
         return push
 
     def _filled(self, model: mujoco.MjModel) -> Table:
-        library, clock = mujoco_library(), function_address(ctypes.CDLL(None), "clock_gettime")
+        library = mujoco_library()
         self._geoms = model.ngeom
         record = blank()
         push = callback_address(self._push) if self._push else 0
@@ -113,7 +110,6 @@ class Context:
             make_inertia=function_address(library, "mj_makeM"),
             factor_inertia=function_address(library, "mj_factorM"),
             release=function_address(library, "mju_free"),
-            clock=clock, clock_number=CLOCK_MONOTONIC,
         )  # fmt: skip
         for name, value in values.items():
             record[name] = value

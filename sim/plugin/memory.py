@@ -9,13 +9,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.platforms import mujoco_file
+
 ADDRESS, INTEGER, WORD = ctypes.c_void_p, ctypes.c_int, ctypes.c_int64
 
 
 @cache
 def mujoco_library() -> ctypes.CDLL:
     """MuJoCo's library."""
-    return ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco.*"))))
+    return ctypes.CDLL(str(mujoco_file(Path(mujoco.__file__).parent)))
 
 
 def function_address(library: ctypes.CDLL, name: str) -> int:

@@ -43,8 +43,7 @@ Array = NDArray[np.float64]
 CONTEXT = record(
     bodies="i8", geoms="i8", freedoms="i8", matrix="i8", hulls="i8", own="i8", block="i8",
     block_size="i8", push="i8", act="i8", resist="i8", make_inertia="i8", factor_inertia="i8",
-    release="i8", clock="i8", clock_number="i8", homes="i8", fields="i8", field_count="i8",
-    layout=LAYOUT,
+    release="i8", homes="i8", fields="i8", field_count="i8", layout=LAYOUT,
 )  # fmt: skip
 """The data that a call needs about a model.
 
@@ -52,9 +51,8 @@ bodies, geoms, freedoms, matrix: numbers of bodies, geoms, degrees of freedom an
 hulls: number of hulls. own: address of this record. block, block_size: block of the tables FLOAT,
 BODY, DOF, HULL, SURFACE, WAVE, WATER, PART and PICTURE. push, act, resist: functions that compute
 the hulls' wrenches, do a step's work and add resistance (0 if there is none). make_inertia,
-factor_inertia, release: MuJoCo's functions that make M, factorise M and free memory. clock,
-clock_number: the C library's clock_gettime and its argument. homes: number of homes that use the
-context. fields, field_count: FIELD rows. layout: MuJoCo's layout."""
+factor_inertia, release: MuJoCo's functions that make M, factorise M and free memory. homes: number
+of homes that use the context. fields, field_count: FIELD rows. layout: MuJoCo's layout."""
 
 HOME = record(
     context="i8", content="i8", memories="i8", refused="i8", calls="i8", nanoseconds="i8",
@@ -586,7 +584,7 @@ def content_at(context, model):
 def act_at(home, model, data, states):
     """Do the plugin's work in a step of the state that has this home."""
     context, kept = context_at(word_at(home)), words_at(home, (HOME_SIZE // 8,))
-    started = nanoseconds(context.clock, context.clock_number)
+    started = nanoseconds()
     tables = tables_of(context)
     wrenches, totals = np.empty((context.hulls, 6)), np.empty((tables.bodies.size, 6))
     call(context.push, (context.own, model, data, wrenches.ctypes.data))
@@ -600,7 +598,7 @@ def act_at(home, model, data, states):
     before = floats_at(states, (kept[MEMORIES], MEMORY_SIZE))
     write_rows(context, data, tables.bodies, totals, memories, before)
     kept[CALLS] += 1
-    kept[NANOSECONDS] += nanoseconds(context.clock, context.clock_number) - started
+    kept[NANOSECONDS] += nanoseconds() - started
 
 
 # The plugin's functions

@@ -4,18 +4,17 @@ import atexit
 import ctypes
 import os
 import socket
-import sys
-from io import FileIO
 from pathlib import Path
 from typing import NoReturn
 
 import rerun as rr
 import rerun.blueprint as rrb
 
-try:
-    import fcntl
-except ImportError:  # Windows, where recordings are not locked
-    fcntl = None
+from sim.platforms import has_screen
+from sim.runs.locked import LockedFile, raise_unwritable
+
+PROGRAM = "waterline"
+"""Name of the program in recordings, which Rerun calls the application's id."""
 
 VIEWER_PORT = 9876
 """Default port of a Rerun viewer."""
@@ -54,8 +53,9 @@ class Output:
                 "recording; unset it, or make no recording"
             )
         self.is_open = True
-        self._path, self._file, self._flushed = path, None, 0
-        self._stream = stream = rr.RecordingStream("waterline")
+        self._path, self._flushed = path, 0
+        self._file: LockedFile | None = None
+        self._stream = stream = rr.RecordingStream(PROGRAM)
         stream.set_log_time_enabled(False)
         stream.set_log_tick_enabled(False)
         self.log, self.send_columns = stream.log, stream.send_columns
@@ -64,9 +64,8 @@ class Output:
             _open_viewer(port)
             sinks.append(rr.GrpcSink(f"rerun+http://127.0.0.1:{port}/proxy"))
         if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = _locked(path)
-            sinks.append(rr.FileSink(path))
+            self._file = LockedFile(path)
+            sinks.append(rr.FileSink(self._file.path))
         try:
             stream.set_sinks(*sinks, default_blueprint=blueprint)
         except RuntimeError as error:
@@ -80,11 +79,9 @@ class Output:
         except RuntimeError as error:
             self._give_up(error)
         if self._file is not None:
-            status = os.fstat(self._file.fileno())
-            if status.st_nlink == 0:
-                self._release()
-                raise OSError(f"{self._path}: the recording was removed while it was written")
-            self._flushed = status.st_size
+            self.is_open = not self._file.is_removed
+            self._file.check()
+            self._flushed = self._file.size
 
     def close(self) -> None:
         """Write all logged data and release the file and the viewer."""
@@ -103,27 +100,9 @@ class Output:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
         atexit.unregister(rr.rerun_shutdown)
         if self._file is not None:
-            self._file.truncate(self._flushed)
-            if self._flushed == 0 and self._path is not None:
-                self._path.unlink(missing_ok=True)
+            self._file.cut(self._flushed)
         self._release()
-        reason = " ".join(str(error).split())
-        raise OSError(
-            f"{self._path or 'the viewer'}: the recording cannot be written ({reason}); make room "
-            "on the disk or record elsewhere. What was written before is intact"
-        ) from None
-
-
-def _locked(path: Path) -> FileIO:
-    """The open file, locked against other runs. Raises OSError."""
-    file = path.open("ab", buffering=0)
-    try:
-        if fcntl is not None:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        file.close()
-        raise OSError(f"{path} is being written by another run; give another name") from None
-    return file
+        raise_unwritable(self._path or Path("the recording in the viewer"), error)
 
 
 def _open_viewer(port: int) -> None:
@@ -131,8 +110,7 @@ def _open_viewer(port: int) -> None:
     with socket.socket() as probe:
         if probe.connect_ex(("127.0.0.1", port)) == 0:
             return
-    screens = ("DISPLAY", "WAYLAND_DISPLAY")
-    if sys.platform == "linux" and not any(os.environ.get(name) for name in screens):
+    if not has_screen():
         raise OSError(
             "there is no screen for the viewer (neither DISPLAY nor WAYLAND_DISPLAY is set); "
             f"forward port {port} to a viewer elsewhere, or make a recording"

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
+from sim.recording.output import PROGRAM
+
 Array = NDArray[np.float64]
 
 PLOTS, OTHERS = "/plots/", "/others/"
@@ -76,6 +78,12 @@ def read_series(path: str | Path) -> dict[str, tuple[Array, Array]]:
     bodies: dict[str, list[str]] = {}
     try:
         with reader(path) as recording:
+            programs = {entry.application_id for entry in recording.recordings()}
+            if not programs <= {PROGRAM}:
+                raise ValueError(
+                    f"{path} is a recording by {', '.join(sorted(programs))}, not by Waterline; "
+                    "give a recording by scripts/run.py"
+                )
             for chunk in recording.stream().filter(content=[f"{PLOTS}**", f"{OTHERS}**"]):
                 batch, entity = chunk.to_record_batch(), chunk.entity_path
                 if NAMES in batch.schema.names and entity.startswith(OTHERS):

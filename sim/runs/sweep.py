@@ -6,7 +6,6 @@ missing runs.
 """
 
 import json
-import os
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -29,6 +28,9 @@ from sim.runs.statistics import heights, start_times
 from sim.scenes.scene import Scene
 
 Row = dict[str, Any]
+
+TIMES = "seconds", "stepping_seconds"
+"""Columns with the wall times [s] of a run, in all and for its steps."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def perform(plan: Plan, run: Run) -> Row:
         row["status"] = f"diverged: {error}"
     except ValueError as error:
         row["status"] = f"refused: {' '.join(str(error).split())}"
-    return row | {"seconds": perf_counter() - began, "stepping_seconds": stepping}
+    return row | dict(zip(TIMES, (perf_counter() - began, stepping), strict=True))
 
 
 def statistics_of(columns: Mapping[str, Any], bodies: Sequence[str]) -> Row:
@@ -146,28 +148,42 @@ def check_plan(plan: Plan, run: Run) -> None:
     check_run(_scene(plan, run.settings), plan.duration, plan.rate)
 
 
-def kept_rows(path: Path, plan: Plan, runs: Sequence[Run]) -> list[Row]:
-    """The rows that an interrupted sweep of the same runs saved in a file, after its plan.
+def kept_rows(text: bytes, plan: Plan, runs: Sequence[Run]) -> tuple[list[Row], int]:
+    """The rows that an interrupted sweep of the same runs saved after its plan, and the number of
+    bytes that they take. An incomplete last line is not counted.
 
-    An incomplete last line is cut off, so that rows can be appended. Raises ValueError if the rows
-    belong to another sweep.
+    Raises ValueError if the text is something else, or the rows belong to another sweep.
     """
-    if not path.exists():
-        return []
-    text = path.read_bytes()
     whole = text.rfind(b"\n") + 1
-    head, *rows = [json.loads(line) for line in text[:whole].splitlines()] or [{}]
+    head, *rows = [_read_row(line, i) for i, line in enumerate(text[:whole].splitlines(), 1)] or [
+        {}
+    ]
     for name, value in plan.as_row().items():
         if head and head.get(name) != value:
-            raise ValueError(
-                f"{path} has rows of a sweep with another {name}; remove it or use its options"
-            )
-    for row in rows:
-        run = runs[row["run"]] if row["run"] < len(runs) else None
+            raise ValueError(f"it has rows of a sweep with another {name}")
+    by_number, found = {run.number: run for run in runs}, set()
+    for line, row in enumerate(rows, start=2):
+        run = by_number.get(row.get("run", -1))
         if run is None or not row.items() >= {**dict(run.settings), "start": run.start}.items():
-            raise ValueError(f"{path} has rows of another sweep; remove it or use its options")
-    os.truncate(path, whole)
-    return rows
+            raise ValueError("it has rows of another sweep")
+        texts = {"status", *dict(run.settings)}
+        is_whole = row.keys() >= {*texts, *TIMES}
+        if not is_whole or any(isinstance(row[n], str) != (n in texts) for n in row):
+            raise ValueError(f"its line {line} is not the row of a run")
+        if run.number in found:
+            raise ValueError(f"its line {line} is a second row of run {run.number}")
+        found.add(run.number)
+    return rows, whole
+
+
+def _read_row(line: bytes, number: int) -> Row:
+    try:
+        row = json.loads(line)
+    except ValueError:
+        row = None
+    if not isinstance(row, dict) or not all(isinstance(v, str | float | int) for v in row.values()):
+        raise ValueError(f"its line {number} is not the row of a run")
+    return row
 
 
 def as_columns(rows: Sequence[Row]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from sim.mjcf.faults import Faults, ModelError
 from sim.mjcf.fields import BUOYANT, COMPONENTS, RECORD
+from sim.mjcf.files import model_files
 from sim.plugin import seam
 from sim.plugin.refusals import refusals_raised
 from sim.scenes.settings import override
@@ -62,6 +63,9 @@ def read_spec(path: Path) -> mujoco.MjSpec:
         str(path).encode()
     except UnicodeEncodeError:
         raise ValueError(f"{path}: MuJoCo opens only names in UTF-8; rename it") from None
+    for named in model_files(path):
+        if not named.is_file():  # MuJoCo would wait for a pipe
+            raise ValueError(f"{path} names {named}, which is no file; give the name of a file")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
