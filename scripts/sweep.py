@@ -10,7 +10,6 @@ continues from them.
 
 import argparse
 import importlib.util
-import json
 import os
 import signal
 from collections.abc import Iterator, Sequence
@@ -30,6 +29,7 @@ from command_line import (
     at_least,
     check_outputs,
     failure,
+    json_text,
     notes_said,
     print_table,
     progress,
@@ -106,7 +106,7 @@ def rows_of(plan: Plan, runs: Sequence[Run], options: argparse.Namespace) -> Ite
 
 def keep(file: TextIO, row: Row) -> None:
     """Append a row to a file and make sure that it is on the disk."""
-    file.write(json.dumps(row) + "\n")
+    file.write(json_text(row) + "\n")
     file.flush()
     os.fsync(file.fileno())
 

@@ -1,5 +1,6 @@
 """What all scripts share: signals, notes, files, tables, broken pipes."""
 
+import json
 import os
 import signal
 import subprocess
@@ -18,6 +19,7 @@ from command_line import (
     progress,
     run_script,
     stops_held,
+    write_json,
     write_whole,
 )
 from independent import REPOSITORY
@@ -172,3 +174,10 @@ def test_unwritable_outputs_are_refused_before_the_work(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="cannot be written because of"):
         check_outputs([file], [])
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_numbers_that_are_not_finite_are_null_in_json(tmp_path):
+    report = {"a": [1.5, float("inf")], "b": {"c": (float("nan"), 2)}, "d": None, "e": "inf"}
+    write_json(tmp_path / "a.json", report)
+    read = json.loads((tmp_path / "a.json").read_text(), parse_constant=pytest.fail)
+    assert read == {"a": [1.5, None], "b": {"c": [None, 2]}, "d": None, "e": "inf"}

@@ -1,4 +1,4 @@
-"""Union: unites overlapping closed surfaces, so that no water is displaced twice.
+"""Union: unites or cuts overlapping closed surfaces, so that no water is displaced twice.
 
 The library manifold3d computes it in double precision. Surfaces that do not overlap stay the same
 to the bit.
@@ -54,6 +54,29 @@ def united(hulls: Sequence[Hull], at_least: float = TOUCHING_SHARE) -> tuple[Hul
     if twice <= at_least * total:
         return None
     return Hull(*_arrays(whole)), float(twice)
+
+
+def without(hull: Hull, others: Sequence[Hull]) -> Hull | None:
+    """A hull without what it shares with others, in one frame; None if nothing is left. It is the
+    same object if it shares at most TOUCHING_SHARE of its volume. Pieces that are not larger than
+    this are dropped. Raises ValueError if manifold3d cannot cut it, or if the rest is not a hull,
+    for example with a cavity where another hull lies inside."""
+    import manifold3d
+
+    solids = [_solid(each) for each in (hull, *others)]
+    rest = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Subtract)
+    least = TOUCHING_SHARE * hull.volume
+    if rest.volume() >= hull.volume - least:
+        return hull
+    pieces = [_arrays(piece) for piece in rest.decompose() if abs(piece.volume()) > least]
+    return Hull(*joined(pieces)) if pieces else None
+
+
+def convex_hull(points: ArrayLike) -> Hull:
+    """The convex hull of points (N, 3) [m]. Raises ValueError if they lie in a plane."""
+    import manifold3d
+
+    return Hull(*_arrays(manifold3d.Manifold.hull_points(np.array(points, dtype=float))))
 
 
 def shared_volume(one: Hull, other: Hull) -> float:
