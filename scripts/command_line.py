@@ -5,6 +5,7 @@ import argparse
 import errno
 import importlib.util
 import json
+import math
 import os
 import signal
 import sys
@@ -243,10 +244,23 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         temporary.unlink(missing_ok=True)
 
 
+def json_text(report: Any, indent: int | None = None) -> str:
+    """A report as JSON, in which numbers that are not finite are null: JSON has no such numbers."""
+
+    def finite(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: finite(each) for key, each in value.items()}
+        if isinstance(value, list | tuple):
+            return [finite(each) for each in value]
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    return json.dumps(finite(report), indent=indent, allow_nan=False)
+
+
 def write_json(path: Path | None, report: Any) -> None:
     """Write a report to a file, unless the path is None."""
     if path is not None:
-        text = json.dumps(report, indent=2) + "\n"
+        text = json_text(report, indent=2) + "\n"
         write_whole(path, lambda temporary: temporary.write_text(text))
 
 

@@ -10,7 +10,6 @@ continues from them.
 
 import argparse
 import importlib.util
-import json
 import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -28,6 +27,7 @@ from command_line import (
     at_least,
     check_outputs,
     failure,
+    json_text,
     notes_said,
     print_table,
     progress,
@@ -105,7 +105,7 @@ def rows_of(plan: Plan, runs: Sequence[Run], options: argparse.Namespace) -> Ite
 
 def keep(file: LockedFile, row: Row) -> None:
     """Write a row to the disk."""
-    file.append(json.dumps(row).encode() + b"\n")
+    file.append(json_text(row).encode() + b"\n")
 
 
 def resumed_rows(

@@ -1,6 +1,7 @@
 """What all scripts share: signals, notes, files, tables, broken pipes."""
 
 import ast
+import json
 import os
 import signal
 import subprocess
@@ -24,6 +25,7 @@ from command_line import (
     progress,
     run_script,
     stops_held,
+    write_json,
     write_whole,
 )
 from independent import REPOSITORY, status_of
@@ -218,3 +220,10 @@ def test_a_pipe_as_input_is_refused_at_once(named, tmp_path, capsys):
     given = tmp_path / "pipe.stl" if named == "scene" else scene
     assert status_of("run.py", given, "--no-record") == 2
     assert "pipe.stl" in capsys.readouterr().err
+
+
+def test_numbers_that_are_not_finite_are_null_in_json(tmp_path):
+    report = {"a": [1.5, float("inf")], "b": {"c": (float("nan"), 2)}, "d": None, "e": "inf"}
+    write_json(tmp_path / "a.json", report)
+    read = json.loads((tmp_path / "a.json").read_text(), parse_constant=pytest.fail)
+    assert read == {"a": [1.5, None], "b": {"c": [None, 2]}, "d": None, "e": "inf"}

@@ -46,7 +46,7 @@ def test_a_field_at_another_offset_is_refused(field, shift):
         layout.offsets()
 
 
-@pytest.mark.parametrize("name", layout.CONTENT_FIELDS + layout.MATRIX_FIELDS)
+@pytest.mark.parametrize("name", layout.content_spans())
 def test_content_spans_match_the_arrays_of_models(name):
     """The address, the number of rows and their size, in models with several rows."""
     robot = MODELS / "articulated.xml"

@@ -225,6 +225,10 @@ REFUSALS = {
         dict(custom='<text name="buoyancy_method_ball" data="linear"/>'),
         "'buoyancy_method_ball' names no geom of the tuple 'buoyant' .which has cube",
     ),
+    "unknown hull": (
+        dict(custom='<text name="hull_cube" data="concave"/>'),
+        "custom text 'hull_cube' is 'concave'; expected mesh or convex",
+    ),
     "half a sample": (
         dict(custom='<numeric name="chord_samples" data="1.5"/>'),
         "'chord_samples': the number of samples is 1.5",

@@ -1,10 +1,10 @@
-"""Union: the union of hulls, and open boats closed by a deck."""
+"""Union: the union of hulls, a hull without others, and open boats closed by a deck."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sim.geometry import middle
 from sim.hulls.hull import Hull
@@ -16,6 +16,7 @@ from sim.hulls.solids import (
     surface_of,
     union_of,
 )
+from sim.hulls.topology import joined
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,34 @@ def united(hulls: Sequence[Hull], at_least: float = TOUCHING_SHARE) -> tuple[Hul
     cannot be united."""
     union = union_of([_surface(hull) for hull in hulls], at_least)
     return None if union is None else (Hull(*union[0]), union[1])
+
+
+def without(hull: Hull, others: Sequence[Hull]) -> Hull | None:
+    """A hull without what it shares with others, in one frame; None if nothing is left. It is the
+    same object if it shares at most TOUCHING_SHARE of its volume. Pieces that are not larger than
+    this are dropped. Raises ValueError if it cannot be cut, or if the rest is not a hull, for
+    example with a cavity where another hull lies inside."""
+    import manifold3d
+
+    solids = [solid_of(_surface(each)) for each in (hull, *others)]
+    rest = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Subtract)
+    least = TOUCHING_SHARE * hull.volume
+    if rest.volume() >= hull.volume - least:
+        return hull
+    pieces = [surface_of(piece) for piece in rest.decompose() if abs(piece.volume()) > least]
+    if not pieces:
+        return None
+    left = Hull(*joined(pieces))
+    if abs(left.volume - rest.volume()) > least * len(solids):
+        raise ValueError("another hull lies inside it, and a hull has no cavities")
+    return left
+
+
+def convex_hull(points: ArrayLike) -> Hull:
+    """The convex hull of points (N, 3) [m]. Raises ValueError if they lie in a plane."""
+    import manifold3d
+
+    return Hull(*surface_of(manifold3d.Manifold.hull_points(np.array(points, dtype=float))))
 
 
 def shared_volume(one: Hull, other: Hull) -> float:

@@ -49,7 +49,9 @@ def elements_of(
     table of fields."""
     for i, full_name in enumerate(custom_names(model, kind)):
         name = full_name.removeprefix(prefix)
-        if full_name.startswith(prefix) and (name.startswith(PREFIXES) or name == "drag"):
+        is_ours = name.startswith(PREFIXES) or name == "drag"
+        is_ours |= kind == mujoco.mjtObj.mjOBJ_TEXT and text_base(name) is not None
+        if full_name.startswith(prefix) and is_ours:
             yield i, name
 
 
@@ -65,14 +67,15 @@ def numerics_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str,
 
 
 def texts_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str, str]:
-    """The texts by name. Unknown names are faults."""
+    """The texts by name. Unknown names and wrong contents are faults."""
     texts = {}
     for i, name in elements_of(model, mujoco.mjtObj.mjOBJ_TEXT, prefix):
         with faults.collected():
-            check_text(name)
             start = model.text_adr[i]
             raw = bytes(model.text_data[start : start + model.text_size[i]])
-            texts[name] = raw.split(b"\0")[0].decode().strip()
+            content = raw.split(b"\0")[0].decode().strip()
+            check_text(name, content)
+            texts[name] = content
     return texts
 
 

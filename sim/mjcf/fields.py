@@ -36,6 +36,15 @@ COMPONENTS, RECORD = "sea_components", "sea_record"
 
 METHOD, PRESSURE, TOLERANCE = "buoyancy_method", "water_pressure", "buoyancy_tolerance"
 
+HULL, OVERLAP = "hull", "overlap"
+"""The texts that say how hulls are made."""
+
+MESH, CONVEX = "mesh", "convex"
+"""Contents of HULL; the first is the default."""
+
+KEEP, CUT = "keep", "cut"
+"""Contents of OVERLAP; the first is the default."""
+
 WATER_PREFIXES = ("water", "wave_", "sea_")
 """Beginnings of the names of fields that describe the water."""
 
@@ -132,11 +141,13 @@ class NumericField:
 
 @dataclass(frozen=True)
 class TextField:
-    """A field that is a custom text. value: the text's content, for the documentation."""
+    """A field that is a custom text. value: the text's content, for the documentation. choices: all
+    contents that it may have, where this table knows them."""
 
     meaning: str
     value: str
     per_geom: bool = False
+    choices: tuple[str, ...] = ()
 
 
 def _positive(name: str, unit: str, most: float, default: float = 0.0) -> Number:
@@ -282,6 +293,14 @@ TEXTS = {
     METHOD: TextField(
         "how wrenches are computed (patches)", ", ".join(METHODS), per_geom=True
     ),
+    HULL: TextField(
+        f"hull of a mesh: its surface, or the convex hull of its vertices ({MESH})",
+        f"{MESH} or {CONVEX}", per_geom=True, choices=(MESH, CONVEX),
+    ),
+    OVERLAP: TextField(
+        f"`{CUT}` takes off a hull what it shares with other hulls of its tree at qpos0 ({KEEP})",
+        f"{KEEP} or {CUT}", per_geom=True, choices=(KEEP, CUT),
+    ),
 }  # fmt: skip
 """All texts by name."""
 
@@ -317,10 +336,13 @@ def check_numeric(name: str, values: Numbers) -> None:
         raise ValueError(f"custom numeric '{name}'{colon} {error}") from None
 
 
-def check_text(name: str) -> None:
-    """Raise ValueError for an unknown text."""
-    if text_base(name) is None:
+def check_text(name: str, content: str) -> None:
+    """Raise ValueError for an unknown text, or for a content that is not one of its choices."""
+    base = text_base(name)
+    if base is None:
         refuse_unknown("text", name, ", ".join(_names(TEXTS)))
+    if TEXTS[base].choices and content not in TEXTS[base].choices:
+        raise ValueError(f"custom text '{name}' is '{content}'; expected {TEXTS[base].value}")
 
 
 def refuse_unknown(kind: str, name: str, known: str) -> NoReturn:

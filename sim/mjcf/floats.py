@@ -21,7 +21,7 @@ class FloatingGeom:
     geom: its id. body: the id of its body. method: computes its wrench. drag: its resistance, if it
     has any. The hull of both is in the geom's frame (geom_xpos, geom_xmat). displaced: the volume
     that it displaces, over its hull's volume. united: ids of all geoms that its hull is made from,
-    if there are several.
+    if there are several. is_cut: whether its hull lost what it shares with others.
     """
 
     name: str
@@ -31,6 +31,7 @@ class FloatingGeom:
     drag: Drag | None = None
     displaced: float = 1.0
     united: tuple[int, ...] = ()
+    is_cut: bool = False
 
     @property
     def geoms(self) -> tuple[int, ...]:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from sim.geometry import areas, cone_volumes
 from sim.hulls import primitives
 from sim.hulls.hull import Hull
+from sim.hulls.union import convex_hull
+from sim.mjcf.fields import CONVEX, HULL
 from sim.mjcf.floats import geom_label
 
 Array = NDArray[np.float64]
@@ -28,20 +30,27 @@ OFF_CENTRE_SHARE = 1e-3
 the mass was not computed from the volume."""
 
 
-def geom_hull(model: mujoco.MjModel, geom: int) -> tuple[Hull, list[str]]:
-    """The hull of a geom, in the geom's frame, and notes about it. Raises ValueError."""
+def geom_hull(model: mujoco.MjModel, geom: int, is_convex: bool = False) -> tuple[Hull, list[str]]:
+    """The hull of a geom, in the geom's frame, and notes about it. is_convex: whether the hull of a
+    mesh is its convex hull. Raises ValueError."""
     kind = GeomType(int(model.geom_type[geom]))
-    label = f"geom '{geom_label(model, geom)}'"
+    label, remedy = f"geom '{geom_label(model, geom)}'", ""
     try:
         if kind == GeomType.mjGEOM_MESH:
             mesh = int(model.geom_dataid[geom])
             label += f" (mesh '{model.mesh(mesh).name}')"
+            if is_convex:
+                return convex_hull(_mesh_surface(model, mesh)[0]), []
+            remedy = (
+                f"; or float its convex hull: custom text '{HULL}_{geom_label(model, geom)}', or "
+                f"'{HULL}' for all meshes, with data \"{CONVEX}\""
+            )
             return _mesh_hull(model, mesh, label)
         if kind in PRIMITIVES:
             make, count = PRIMITIVES[kind]
             return make(*model.geom_size[geom, :count]), []
     except ValueError as error:
-        raise ValueError(f"{label}: {error}") from None
+        raise ValueError(f"{label}: {error}{remedy}") from None
     raise ValueError(
         f"{label} is a {kind.name.removeprefix('mjGEOM_').lower()}, which has no closed "
         "surface; use a mesh, box, sphere, capsule, cylinder or ellipsoid"

@@ -42,7 +42,7 @@ def notes_about_positions(
     model: mujoco.MjModel, start: mujoco.MjData, sea: Sea, floats: Sequence[FloatingGeom]
 ) -> list[str]:
     """Notes about the positions in which a model starts."""
-    return [*notes_of_overlaps(start, floats), *_about_floors(model, start, sea, floats)]
+    return [*notes_of_overlaps(model, start, floats), *_about_floors(model, start, sea, floats)]
 
 
 def _about_air(model: mujoco.MjModel) -> Iterator[str]:

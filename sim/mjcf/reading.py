@@ -27,11 +27,20 @@ from sim.mjcf.elements import (
     texts_of,
 )
 from sim.mjcf.faults import Faults
-from sim.mjcf.fields import COMPONENTS, METHOD, RECORD, TOLERANCE
+from sim.mjcf.fields import (
+    COMPONENTS,
+    CONVEX,
+    CUT,
+    HULL,
+    METHOD,
+    OVERLAP,
+    RECORD,
+    TOLERANCE,
+)
 from sim.mjcf.floats import FloatingGeom, Listed, first_state, listed_geoms
 from sim.mjcf.geoms import geom_hull
 from sim.mjcf.notes import notes_about_sizes
-from sim.mjcf.overlaps import Shape, united_shapes
+from sim.mjcf.overlaps import Shape, cut_shapes, united_shapes
 from sim.mjcf.sea_fields import sea_of
 from sim.water.sea import Sea
 
@@ -95,6 +104,8 @@ def read_model(model: mujoco.MjModel) -> Floating:
     if all(numbers_of("buoyancy_union", section.numerics)[0] for section in sections):
         shapes, union_notes = united_shapes(model, shapes)
         notes += union_notes
+    shapes, cut_notes = cut_shapes(model, shapes)
+    notes += cut_notes
     floats = []
     if sea is not None:
         floats = list(_floats(model, sea, shapes, faults))
@@ -137,18 +148,22 @@ def _shapes(
     hulls: dict[tuple[object, ...], Hull] = {}
     for geom, names in section.listed:
         with faults.collected():
-            key = int(model.geom_type[geom]), int(model.geom_dataid[geom]), *model.geom_size[geom]
+            texts = section.texts
+            is_convex = texts.get(of_geom(HULL, names, texts)) == CONVEX
+            kind, mesh = int(model.geom_type[geom]), int(model.geom_dataid[geom])
+            key = kind, mesh, is_convex, *model.geom_size[geom]
             if key not in hulls:
-                hulls[key], hull_notes = geom_hull(model, geom)
+                hulls[key], hull_notes = geom_hull(model, geom, is_convex)
                 notes += hull_notes
             yield Shape(
                 (geom,),
                 names[0],
                 hulls[key],
-                *_method_of(names, section.texts),
+                *_method_of(names, texts),
                 _settings_of(names, section.numerics),
                 DragFields.of(names, section.numerics),
                 *numbers_of("displaced", section.numerics, names),
+                is_cut=texts.get(of_geom(OVERLAP, names, texts)) == CUT,
             )
 
 
@@ -190,7 +205,9 @@ def _floats(
             drag = shape.drag.made(model, geom, hull, sea, afloat)
             body = int(model.geom_bodyid[geom])
             united = shape.geoms if len(shape.geoms) > 1 else ()
-            yield FloatingGeom(shape.name, geom, body, methods[key], drag, shape.displaced, united)
+            yield FloatingGeom(
+                shape.name, geom, body, methods[key], drag, shape.displaced, united, shape.is_cut
+            )
 
 
 def _made(shape: Shape, sea: Sea) -> Method:

@@ -19,6 +19,7 @@ from sim.mjcf.floats import FloatingGeom, moving_dofs
 from sim.mjcf.reading import Floating, stamp_of
 from sim.plugin import native
 from sim.plugin.layout import (
+    CUT_FIELDS,
     MATRIX_FIELDS,
     content_spans,
     offsets,
@@ -157,8 +158,10 @@ class Context:
 @cache
 def _field_table() -> Table:
     """FIELD rows of all data that hulls and waves are made from."""
-    rows = [(start, 0, size, False) for start, size in option_spans()]
-    rows += [(*span, name in MATRIX_FIELDS) for name, span in content_spans().items()]
+    matters = {name: native.WITH_MATRICES for name in MATRIX_FIELDS}
+    matters |= {name: native.WITH_CUTS for name in CUT_FIELDS}
+    rows = [(start, 0, size, native.ALWAYS) for start, size in option_spans()]
+    rows += [(*span, matters.get(name, native.ALWAYS)) for name, span in content_spans().items()]
     return np.array(rows, native.FIELD)
 
 

@@ -18,7 +18,7 @@ OPTION_FIELDS = ("timestep", "disableflags")
 MODEL_FIELDS = (
     "nbody", "nnumeric", "nplugin", "M_rownnz", "M_rowadr", "body_inertia", "body_weldid",
     "numeric_size", "plugin", "plugin_stateadr", "nsensor", "sensor_plugin", "sensor_objid",
-    "sensor_adr", "sensor_objtype",
+    "sensor_adr", "sensor_objtype", "ntextdata", "text_data",
 )  # fmt: skip
 DATA_FIELDS = (
     "time", "qvel", "xfrc_applied", "xipos", "ximat", "geom_xpos", "geom_xmat", "subtree_com",
@@ -40,6 +40,9 @@ CONTENT_FIELDS = (
 
 MATRIX_FIELDS = ("body_mass", "body_ipos", "body_iquat", "jnt_axis")
 """Further arrays that matter if added mass or damping is given as a matrix."""
+
+CUT_FIELDS = ("body_pos", "body_quat")
+"""Further arrays that matter if hulls are cut where they overlap."""
 
 TYPE_SIZES = {
     "int": 4, "float": 4, "char": 1, "mjtNum": 8, "mjtByte": 1, "mjtBool": 1, "mjtSize": 8,
@@ -99,11 +102,11 @@ def declared(name: str) -> int:
 
 @cache
 def content_spans() -> dict[str, Span]:
-    """The arrays CONTENT_FIELDS and MATRIX_FIELDS of a model by name."""
+    """The arrays CONTENT_FIELDS, MATRIX_FIELDS and CUT_FIELDS of a model by name."""
     places = _fields("mjModel")
     kinds = {field.name: field for field in structs.STRUCTS["mjModel"].fields}
     found = {}
-    for name in CONTENT_FIELDS + MATRIX_FIELDS:
+    for name in CONTENT_FIELDS + MATRIX_FIELDS + CUT_FIELDS:
         counter, *extents = kinds[name].array_extent
         size, _ = _extent(kinds[name].type.inner_type)
         found[name] = Span(places[name], places[counter], size * int(np.prod(extents)))

@@ -116,10 +116,13 @@ triangle, decoration: mjGEOM_TRIANGLE and mjCAT_DECOR. most, count, geoms: offse
 its capacity, its number of geoms and the pointer to them. geom_size: bytes of an mjvGeom. category,
 emission, specular, shininess, shadow: offsets in an mjvGeom; shadow is 0 where there is none."""
 
-FIELD = record(pointer="i8", counter="i8", size="i8", optional="i8")
+FIELD = record(pointer="i8", counter="i8", size="i8", matters="i8")
 """An array of a model that hulls and waves are made from: the offsets of its pointer and of its
-number of rows, the size of a row, and whether it matters only if some numeric has the size of a
-matrix. If `counter` is 0, the data are a single row in the mjModel itself."""
+number of rows, the size of a row, and for which models it matters: ALWAYS, WITH_MATRICES or
+WITH_CUTS. If `counter` is 0, the data are a single row in the mjModel itself."""
+
+ALWAYS, WITH_MATRICES, WITH_CUTS = range(3)
+"""All models, those with a numeric of the size of a matrix, and those with a text "cut"."""
 
 SEAM = np.zeros(7, dtype=np.int64)
 """Words that all calls need, at the indices below.
@@ -142,6 +145,9 @@ EXACT_MASK = (1 << 52) - 1
 
 MATRIX_SIZES = (6, 36)
 """Sizes of numerics that may be added mass or damping, which depend on masses and frames."""
+
+CUT = tuple(b"cut")
+"""The letters of the text that cuts hulls, which depends on how the bodies stand to each other."""
 
 
 class Tables(NamedTuple):
@@ -261,14 +267,25 @@ def has_matrices(model, layout):
 
 
 @kernel
+def has_cuts(model, layout):
+    """Whether the word "cut" occurs in a text."""
+    count = integer_at(model + layout.ntextdata)
+    text = bytes_at(model_array(model, layout.text_data), (count,))
+    for i in range(count - 2):
+        if text[i] == CUT[0] and text[i + 1] == CUT[1] and text[i + 2] == CUT[2]:
+            return True
+    return False
+
+
+@kernel
 def content_of(context, model):
     """The content number of a model, a hash of its FIELD rows that a double holds exactly."""
     fields = rows_at(context.fields, context.field_count, FIELD)
-    matrices = has_matrices(model, context.layout)
+    is_kind = True, has_matrices(model, context.layout), has_cuts(model, context.layout)
     found = integer_at(model + context.layout.disableflags) & ~CONTACT_FLAG
     for f in range(fields.size):
         field = fields[f]
-        if field.optional != 0 and not matrices:
+        if not is_kind[field.matters]:
             continue
         if field.counter == 0:
             found = mixed_bytes(model + field.pointer, field.size, found)

@@ -92,7 +92,7 @@ class SceneWriter:
         self._tally = Tally(scene)
         names = scene.buoyancy.body_names
         self._plotted, self._others = names[:MOST_PLOTTED], names[MOST_PLOTTED:]
-        self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
+        self._weights = scene.buoyancy.weights
         self._rest_heights = scene.rest_heights
         self._start = scene.data.xpos[scene.buoyancy.bodies, 0].copy()
         self._palettes = [
@@ -163,7 +163,8 @@ class SceneWriter:
         displaced = self._weights / (density * -self.scene.model.opt.gravity[2])
         lengths = ARROW_IN_HULLS * np.minimum(sizes, WIDEST_ARROW * np.cbrt(displaced))
         self._metres_per_newton = (lengths / self._weights)[:, None]
-        weight = self._weights[:, None] * [0.0, 0.0, -1.0]
+        own = self.scene.model.body_mass[self.scene.buoyancy.bodies]
+        weight = own[:, None] * self.scene.model.opt.gravity
         for name, colour in FORCE_COLOURS.items():
             arrows = rr.Arrows3D.from_fields(colors=[colour], radii=0.014 * sizes)
             self._log(f"world/forces/{name}", arrows)

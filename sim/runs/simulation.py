@@ -185,14 +185,12 @@ class Tally:
 
     def add(self, sample: Sample) -> None:
         """Add a sample; all samples have the same weight."""
-        model, bodies = self.scene.model, self.scene.buoyancy.bodies
-        weights = model.body_mass[bodies] * -model.opt.gravity[2]
         self._sums += np.column_stack(
             [
                 sample.centres[:, 2],
                 np.degrees(sample.tilts),
                 sample.submerged_fractions,
-                sample.body_wrenches[:, 2] / weights,
+                sample.body_wrenches[:, 2] / self.scene.buoyancy.weights,
             ]
         )
         self._count += 1
@@ -200,8 +198,9 @@ class Tally:
 
     def bodies(self) -> dict[str, dict[str, Any]]:
         """For each floating body, as numbers for JSON: mean_height [m] of the centre of mass,
-        mean_tilt_deg, mean_submerged_fraction, mean_force_over_weight (vertical), final_position
-        (3) [m] and final_quaternion (4) of its frame."""
+        mean_tilt_deg, mean_submerged_fraction, mean_force_over_weight (vertical, over its weight
+        with all bodies that are welded to it), final_position (3) [m] and final_quaternion (4) of
+        its frame."""
         if self.last is None:
             return {}
         means = self._sums / self._count

@@ -74,6 +74,14 @@ class Buoyancy:
         return tuple(body_label(self.model, b) for b in self.bodies)
 
     @property
+    def weights(self) -> Array:
+        """Weights (B,) [N] of `bodies`, each with all bodies that are welded to it: a body may have
+        no mass of its own, but one that moves has some with these."""
+        model = self.model
+        masses = np.bincount(model.body_weldid, weights=model.body_mass, minlength=model.nbody)
+        return masses[model.body_weldid[self.bodies]] * -model.opt.gravity[2]
+
+    @property
     def is_current(self) -> bool:
         """Whether the model still describes these hulls and waves. Raises ModelError for invalid
         hulls or waves."""
