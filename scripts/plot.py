@@ -150,10 +150,8 @@ def read_measured(path: Path, runs: dict[str, dict[str, Columns]]) -> dict[str, 
     measured: dict[str, Columns] = {}
     for name, values in table.items():
         quantity, body = places[name]
-        if not any(quantity in run.get(body, {}) for run in runs.values()):
-            raise ValueError(
-                f"{path} has the column {name}, and no run has it; series of run.py do"
-            )
+        if not all(quantity in run[body] for run in runs.values() if body in run):
+            raise ValueError(f"{path} has the column {name}, which not all runs have; remove it")
         measured.setdefault(body, {"time": times})[quantity] = values
     return measured
 

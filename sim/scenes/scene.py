@@ -107,12 +107,8 @@ def _set_densities(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:
     for name, density in densities.items():
         for geom in _dense_geoms(spec, name):
             if geom.parent.explicitinertial:
-                raise ModelError(
-                    [
-                        f"density: the body '{geom.parent.name}' of geom '{geom.name}' has an "
-                        "<inertial> of its own; remove it"
-                    ]
-                )
+                owner = f"the body '{geom.parent.name}'"
+                raise ModelError([f"density: {owner} has an <inertial> of its own; remove it"])
             geom.density, geom.mass = density, np.nan  # NaN: computed from the density
 
 
