@@ -83,16 +83,23 @@ def named_number(text: str) -> tuple[str, float]:
     return name, positive(number)
 
 
-def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that change a scene."""
+def add_scene_options(parser: argparse.ArgumentParser, many: bool = False) -> None:
+    """Add the options that change a scene. many: whether a setting has several values."""
     from sim.mjcf.fields import described
 
     fields = [f"  {name}: {meaning}\n      {value}\n" for name, value, meaning in described()]
     parser.epilog = f"custom fields of a scene:\n{''.join(fields)}"
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument(
-        "--set", action="append", default=[], dest="settings", metavar="NAME=VALUE",
-        help='overrides a custom field: "wave_swell=0.2 4 0 0", wave_swell.amplitude=0.2, '
+        "--buoyant", action="append", default=[], metavar="BODY",
+        help="a body that floats, with all bodies below it; for files without water, URDF too",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", action="append", default=[], dest="settings",
+        metavar="NAME=VALUE,VALUE,..." if many else "NAME=VALUE",
+        help="values of a custom field, or of one number of it: wave_swell.amplitude=0.1,0.2"
+        if many else
+        'overrides a custom field: "wave_swell=0.2 4 0 0", wave_swell.amplitude=0.2, '
         "buoyancy_method=linear, seed=3",
     )  # fmt: skip
     parser.add_argument(
@@ -100,7 +107,7 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--density", action="append", default=[], type=named_number, dest="densities",
-        metavar="GEOM=KG/M3", help="overrides the density of a geom",
+        metavar="NAME=KG/M3", help="overrides the density of a geom, or of all geoms of a body",
     )  # fmt: skip
     parser.add_argument("--keyframe", metavar="NAME", help="start (the first keyframe)")
 
@@ -123,9 +130,10 @@ def add_averaging_options(parser: argparse.ArgumentParser, rate: float) -> None:
 def scene_options(options: argparse.Namespace) -> dict[str, Any]:
     """The arguments of `Scene.load` for these options, except the settings."""
     return {
+        "buoyant": tuple(options.buoyant),
+        "densities": dict(options.densities),
         "timestep": options.timestep,
         "keyframe": options.keyframe,
-        "densities": dict(options.densities),
     }
 
 
@@ -191,6 +199,24 @@ def print_table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     for first, *others in (titles, *rows):
         cells = [f"{cell:>{width}}" for cell, width in zip(others, widths[1:], strict=True)]
         print("  ".join([f"{first:<{widths[0]}}", *cells]).rstrip())
+
+
+MOST_ROWS, FIRST_ROWS = 12, 3
+"""Largest number of rows of a table that is printed whole, and the number of rows that are printed
+of a larger one."""
+
+
+def folded(rows: Sequence[Sequence[str]], keep: int = FIRST_ROWS) -> list[Sequence[str]]:
+    """The rows of a table; of more than MOST_ROWS only the first ones, and the least and the most
+    of each column of numbers."""
+    if len(rows) <= MOST_ROWS:
+        return list(rows)
+    columns = list(zip(*rows, strict=True))[1:]
+    extremes = [
+        (f"{name} of {len(rows)}", *(choose(column, key=float) for column in columns))
+        for name, choose in (("least", min), ("most", max))
+    ]
+    return [*rows[:keep], *extremes]
 
 
 def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path]) -> None:

@@ -83,7 +83,8 @@ def load(options: argparse.Namespace) -> dict[str, Scene]:
     if samples < FEWEST_BATCHES:
         raise ValueError(
             f"{options.duration:g} s leave {max(samples, 0):.0f} samples after a warm-up of "
-            f"{options.warm_up:g} s, and means need {FEWEST_BATCHES}; run longer"
+            f"{options.warm_up:g} s, and means need {FEWEST_BATCHES}; run "
+            "longer (--duration) or warm up for less time (--warm-up)"
         )
     twins: dict[str, Scene] = {}
     for label in options.methods:
@@ -262,7 +263,10 @@ def _verdict(difference: dict[str, Any]) -> str:
     if difference["largest"] == 0.0:
         return "identical"
     if not difference["settled"]:
-        return "undecided: still correlated over the longest batches, run longer"
+        return (
+            "undecided: still correlated over the longest batches; run longer (--duration), or "
+            "raise --warm-up if the start still shows"
+        )
     is_measured = abs(difference["value"]) > MEASURABLE_ERRORS * difference["error"]
     return "measured" if is_measured else "not measurable"
 

@@ -15,8 +15,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from screen import Screen
+
 from command_line import (
     DIVERGED,
+    MOST_ROWS,
     UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
@@ -25,6 +28,7 @@ from command_line import (
     at_least,
     check_outputs,
     failure,
+    folded,
     notes_said,
     positive,
     print_table,
@@ -42,12 +46,18 @@ from sim.recording.look import COLOURS
 from sim.runs.series import Series
 from sim.runs.simulation import check_run
 from sim.runs.tables import check_ending, write_columns
+from sim.runs.tally import MOTIONS
+from sim.water.words import sea_in_words
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(__doc__)
     parser.add_argument(
-        "scenes", type=Path, nargs="+", metavar="SCENE", help="MJCF files, run one after another"
+        "scenes",
+        type=Path,
+        nargs="+",
+        metavar="SCENE",
+        help="MJCF or URDF files, run one after another",
     )
     parser.add_argument(
         "--duration", type=positive, default=10.0, metavar="S", help="simulated seconds (10)"
@@ -59,8 +69,16 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         metavar="HZ",
         help="samples per simulated second (30)",
     )
+    parser.add_argument(
+        "--warm-up", type=positive, default=0.0, metavar="S",
+        help="seconds that the summary ignores (0)",
+    )  # fmt: skip
     add_scene_options(parser)
     add_recording_options(parser)
+    parser.add_argument("--view", action="store_true", help="show the run in MuJoCo's viewer")
+    parser.add_argument(
+        "--speed", type=positive, metavar="X", help="speed of the viewer, in real times (1)"
+    )
     parser.add_argument(
         "--series", type=Path, metavar="FILE", help="table of all samples: .csv .parquet .npz"
     )
@@ -74,6 +92,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         parser.error(
             f"--record-rate {options.record_rate:g} is above --rate {options.rate:g}; raise --rate"
         )
+    if options.speed is not None and not options.view:
+        parser.error("--speed is the speed of the viewer; add --view")
     return options
 
 
@@ -100,13 +120,12 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--colour", choices=COLOURS, default=COLOURS[0], help="colouring of the hulls (wet)"
     )
-    parser.add_argument("--view", action="store_true", help="show the run in a viewer")
 
 
 def load(path: Path, options: argparse.Namespace) -> Scene:
     """Load the scene and observe it once, which compiles the kernels."""
     scene = Scene.load(path, settings=options.settings, **scene_options(options))
-    check_run(scene, options.duration, options.rate)
+    check_run(scene, options.duration, options.rate, options.warm_up)
     observe(scene)
     return scene
 
@@ -114,22 +133,22 @@ def load(path: Path, options: argparse.Namespace) -> Scene:
 def open_recorder(
     recording: Path | None, scene: Scene, options: argparse.Namespace
 ) -> Recorder | None:
-    """The recorder of a run; None if it is neither recorded nor viewed."""
-    if recording is None and not options.view:
+    """The recorder of a run; None if it is not recorded."""
+    if recording is None:
         return None
     water = options.water_size, options.water_resolution
-    return Recorder(
-        recording, scene, options.record_rate, *water, options.view, colour=options.colour
-    )
+    return Recorder(recording, scene, options.record_rate, *water, colour=options.colour)
 
 
 def run(
     scene: Scene,
     options: argparse.Namespace,
     consumers: Sequence[Callable[[Sample], None]],
+    screen: Screen | None,
     check: Callable[[], None],
 ) -> None:
-    """Simulate, give each sample to all consumers, and check whether to stop."""
+    """Simulate, give each sample to all consumers, and check whether to stop. A closed window ends
+    the run."""
     with progress(options.duration, "s", options.quiet) as bar:
         start = scene.data.time
         for sample in simulate(scene, options.duration, options.rate):
@@ -137,16 +156,24 @@ def run(
                 consume(sample)
             bar.update(sample.time - start - bar.n)
             check()
+            if screen is not None and not screen.show(sample):
+                return
 
 
 def summarise(
-    scene: Scene, tally: Tally, wall_s: float, recording: Path | None, recorder: Recorder | None
+    scene: Scene,
+    tally: Tally,
+    wall_s: float,
+    options: argparse.Namespace,
+    recording: Path | None,
+    recorder: Recorder | None,
 ) -> dict[str, Any]:
     """The summary of a run, with the keys of --json."""
     last, timestep = tally.last, scene.model.opt.timestep
     steps = last.step
     return {
         "scene": scene.name,
+        "sea": sea_in_words(scene.buoyancy.sea),
         "steps": steps,
         "timestep": timestep,
         "duration": steps * timestep,
@@ -155,6 +182,7 @@ def summarise(
         "buoyancy_us_per_step": 1e6 * last.buoyancy_seconds / max(steps, 1),
         "step_us": 1e6 * (last.step_seconds - last.buoyancy_seconds) / max(steps, 1),
         "logging_ms_per_frame": recorder and 1e3 * recorder.seconds / max(recorder.frames, 1),
+        "warm_up": options.warm_up,
         "bodies": tally.bodies(),
         "recording": None if recording is None else str(recording),
     }
@@ -169,6 +197,7 @@ def print_summary(summary: dict[str, Any]) -> None:
         f"a step: {summary['buoyancy_us_per_step']:.1f} us in buoyancy, "
         f"{summary['step_us']:.1f} us in MuJoCo"
         + ("" if logging is None else f"; a frame: {logging:.2f} ms in logging")
+        + f"\nsea: {summary['sea']}\n"
     )
     rows = [
         (
@@ -177,12 +206,30 @@ def print_summary(summary: dict[str, Any]) -> None:
         )
         for name, means in summary["bodies"].items()
     ]  # fmt: skip
-    print_table(("mean of", "height m", "tilt deg", "submerged", "force/weight"), rows)
+    if summary["warm_up"]:
+        print(f"from {summary['warm_up']:g} s on:")
+    print_table(("mean of", "height m", "tilt deg", "submerged", "force/weight"), folded(rows))
+    print_motions(summary["bodies"])
     if summary["recording"] is not None and Path(summary["recording"]).is_file():
         beside_python = Path(sys.executable).with_name("rerun")
         viewer = "rerun" if shutil.which("rerun") else beside_python
         size = Path(summary["recording"]).stat().st_size / 1e6
         print(f"\nrecorded {size:.1f} MB; look at it with: {viewer} {summary['recording']}")
+
+
+def print_motions(bodies: dict[str, dict[str, Any]]) -> None:
+    """Print mean, standard deviation and largest value of each body's motions."""
+    rows = []
+    for statistic in ("mean", "std", "largest"):
+        block = [
+            (body, *(f"{values[motion][statistic]:z.3f}" for motion in MOTIONS))
+            for body, values in bodies.items()
+        ]
+        rows += [(f"{statistic:<7}  {name}", *cells) for name, *cells in folded(block)]
+    print()
+    print_table(("motion", *(motion.replace("_", " ") for motion in MOTIONS)), rows)
+    if len(bodies) > MOST_ROWS:
+        print(f"{len(bodies)} bodies float; --json FILE writes the numbers of all")
 
 
 def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, Any] | None]:
@@ -197,9 +244,11 @@ def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, A
         with notes_said(options.quiet):
             scene = load(path, options)
             series = None if options.series is None else Series(scene)
+            screen = Screen(scene, options.speed or 1.0) if options.view else None
     except (ValueError, OSError) as error:
         return failure(error), None
-    tally, status, recorder, started = Tally(scene), 0, None, perf_counter()
+    tally, status, recorder = Tally(scene, options.warm_up), 0, None
+    started = perf_counter()
     consumers = [tally.add]
     consumers += [] if series is None else [series.add]
     try:
@@ -207,13 +256,14 @@ def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, A
             recorder = open_recorder(recording, scene, options)  # no stop leaves it open
             consumers += [] if recorder is None else [recorder.log]
             started = perf_counter()
-            with recorder or nullcontext():
-                run(scene, options, consumers, check)
+            with screen or nullcontext(), recorder or nullcontext():
+                run(scene, options, consumers, screen, check)
     except (DivergenceError, ValueError, OSError, Stopped) as error:
         status = failure(error)
         if tally.last is None:
             return status, None
-    summary = summarise(scene, tally, perf_counter() - started, recording, recorder)
+    wall_s = perf_counter() - started
+    summary = summarise(scene, tally, wall_s, options, recording, recorder)
     try:
         if series is not None:
             kind, columns = options.series.suffix, series.columns()

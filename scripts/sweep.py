@@ -21,9 +21,11 @@ import numpy as np
 from joblib import Parallel, delayed, parallel_config
 
 from command_line import (
+    MOST_ROWS,
     Parser,
     Stopped,
     add_averaging_options,
+    add_scene_options,
     at_least,
     check_outputs,
     failure,
@@ -33,6 +35,7 @@ from command_line import (
     progress,
     run_script,
     say,
+    scene_options,
     stops_held,
     write_whole,
 )
@@ -44,12 +47,10 @@ from sim.runs.tables import check_ending, write_columns
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(__doc__)
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF or URDF file")
     parser.add_argument("--output", type=Path, required=True, metavar="FILE",
                         help="table of the rows: .csv .parquet .npz")  # fmt: skip
-    parser.add_argument("--set", action="append", default=[], dest="settings",
-                        metavar="NAME=VALUE,VALUE,...", help="values of a custom field, or of a "
-                        "component of one (wave_swell.amplitude=0.1,0.2)")  # fmt: skip
+    add_scene_options(parser, many=True)
     parser.add_argument("--seeds", type=at_least(0), default=0, metavar="N",
                         help="number of seeds of an irregular sea, from 0")  # fmt: skip
     parser.add_argument("--starts", type=at_least(1), default=1, metavar="N",
@@ -162,7 +163,9 @@ def print_summary(rows: Sequence[Row], wall_s: float, path: Path) -> None:
             for name in names
             if np.isfinite(columns[name]).any()
         ]
-        print_table(("over the runs", "least", "mean", "most"), cells)
+        print_table(("over the runs", "least", "mean", "most"), cells[:MOST_ROWS])
+        if len(cells) > MOST_ROWS:
+            print(f"and {len(cells) - MOST_ROWS} more in {path}")
     print(
         f"\n{len(rows)} runs, {len(held)} held, in {path}: {60.0 * len(rows) / wall_s:.0f} runs a "
         f"minute; {seconds / len(rows):.2f} s per run, {other_seconds / len(rows):.2f} s of it not "
@@ -202,7 +205,11 @@ def main(arguments: list[str] | None = None) -> int:
         check_outputs((options.output, kept), model_files(options.scene))
         check_ending(options.output)
         runs = runs_of(options.settings, options.seeds, options.starts)
-        plan = Plan(options.scene.resolve(), options.duration, options.warm_up, options.rate)
+        shared = scene_options(options)
+        shared["densities"] = tuple(shared["densities"].items())
+        plan = Plan(
+            options.scene.resolve(), options.duration, options.warm_up, options.rate, **shared
+        )
         with LockedFile(kept) as file:
             return sweep(plan, runs, options, file)
     except (ValueError, OSError) as error:

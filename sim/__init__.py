@@ -28,7 +28,8 @@ from sim.methods import Chord, Linear, Patches, Reference
 from sim.mjcf.faults import ModelError, Note
 from sim.resistance.drag import Drag, DragCoefficients
 from sim.runs.divergence import DivergenceError
-from sim.runs.simulation import Sample, Tally, observe, simulate
+from sim.runs.simulation import Sample, observe, simulate
+from sim.runs.tally import Tally
 from sim.scenes.buoyancy import Buoyancy
 from sim.scenes.hydrostatics import hydrostatics
 from sim.scenes.scene import Scene

@@ -109,6 +109,14 @@ def test_all_faults_are_reported_at_once(tmp_path, capsys):
 
 STATIC = '<geom name="floor" type="{}" size="{}" pos="0 0 {}"/>'
 NOTED = {
+    "a misspelt wave": (
+        dict(custom='<numeric name="wav_swell" data="0.1 4 0 0"/>'),
+        "numeric 'wav_swell' has no effect on the water.*meant to be 'wave_<name>'",
+    ),
+    "a misspelt method": (
+        dict(custom='<text name="bouyancy_method_cube" data="linear"/>'),
+        r"text 'bouyancy_method_cube' has no effect.*meant to be 'buoyancy_method'",
+    ),
     "air": (dict(option='<option density="1.2" viscosity="1.8e-5"/>'), "air drag acts under water"),
     "gravcomp": (
         dict(bodies=CUBE.replace("<body", '<body gravcomp="1"')),
@@ -158,6 +166,21 @@ def test_models_without_mistakes_are_not_noted():
     aside = CUBE + STATIC.format("box", "1 1 0.5", -0.5).replace('pos="0', 'pos="9')
     for bodies in (CUBE, far, ghost, aside):
         assert notes_of(bodies, custom=WAVES) == []
+    others = ("gain", "init_qpos", "save_interval", "range", "density", "timestep", "season")
+    custom = "".join(f'<numeric name="{name}" data="1"/>' for name in others)
+    assert notes_of(custom=custom) == []
+
+
+def test_a_misspelt_tuple_is_noted_with_the_fault(capsys, tmp_path):
+    (tmp_path / "a.xml").write_text(xml().replace('"buoyant"', '"bouyant"'))
+    assert status_of("run.py", tmp_path / "a.xml", "--no-record") == 2
+    note, fault = capsys.readouterr().err.splitlines()
+    assert "tuple 'bouyant' has no effect on the water" in note
+    assert "nothing floats" in fault
+
+
+def test_the_fields_of_attached_models_are_not_noted():
+    assert not any("has no effect" in note for note in notes_while(attached))
 
 
 @pytest.mark.parametrize("name", ["wigley", "spar", "articulated", "cube", "bunny", "spheres"])

@@ -13,12 +13,12 @@ from rerun.chunk import RrdReader
 from scenes import CUBE, WAVES, afloat, model
 
 from independent import MODELS, ROUND_OFF
-from sim import Recorder, Scene, Sea, Tally, Wave, hydrostatics, read_series, simulate
+from sim import Recorder, Scene, Tally, hydrostatics, read_series, simulate
 from sim.geometry import rotation_matrix
 from sim.methods import METHODS, Method
 from sim.recording.display_mesh import DisplayMeshes, shaded_corners, with_hue_shifted
 from sim.recording.frame import Artist, thinned
-from sim.recording.look import sea_in_words, side_by_side_blueprint
+from sim.recording.look import side_by_side_blueprint
 from sim.recording.output import Output
 from sim.recording.recorder import SceneWriter
 from sim.recording.twins import HUE_STEP
@@ -199,19 +199,13 @@ def test_the_overview_describes_the_scene_and_at_the_end_the_means(run):
     scene, samples, path = run
     _, texts = read(path, "overview", "TextDocument:text")
     before, after = (str(text[0]) for text in texts)
-    for expected in ("trio", "2 ms", "0.06 x 2.4 m", "bunny: 3,674 faces", "patches"):
+    for expected in ("trio", "2 ms", "amplitude 0.1, 0.06", "bunny: 3,674 faces", "patches"):
         assert expected in before
     assert after.startswith(before)
     tally = Tally(scene)
     for sample in samples:
         tally.add(sample)
     assert f"| dragon | {tally.bodies()['dragon']['mean_height']:.3f} |" in after
-
-
-def test_the_overview_describes_other_seas():
-    assert sea_in_words(Sea()) == "still water"
-    many = Sea([Wave(0.01, length) for length in np.linspace(2.0, 9.0, 8)])
-    assert sea_in_words(many).startswith("8 waves of 2 to 9 m, significant height 0.08 m")
 
 
 def test_frames_have_the_recording_rate_and_water_its_size(tmp_path):

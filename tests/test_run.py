@@ -7,14 +7,18 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import islice
 
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
+from screen import Screen
 
 from independent import MODELS, REPOSITORY, sending, status_of
-from sim import Recorder, Scene, Tally, read_series, simulate
+from sim import Recorder, Scene, Sea, Tally, Wave, read_series, simulate
 from sim.recording.reader import reader
+from sim.runs.tables import read_columns
+from sim.water.words import sea_in_words
 
 RUN = [sys.executable, str(REPOSITORY / "scripts" / "run.py")]
 
@@ -25,8 +29,9 @@ def test_run_records_prints_and_writes_its_summary(tmp_path, monkeypatch, capsys
     stdout, stderr = capsys.readouterr()
     summary = json.loads((tmp_path / "out.json").read_text())
     assert list(summary) == [
-        "scene", "steps", "timestep", "duration", "wall_s", "realtime_factor",
-        "buoyancy_us_per_step", "step_us", "logging_ms_per_frame", "bodies", "recording",
+        "scene", "sea", "steps", "timestep", "duration", "wall_s", "realtime_factor",
+        "buoyancy_us_per_step", "step_us", "logging_ms_per_frame", "warm_up", "bodies",
+        "recording",
     ]  # fmt: skip
     assert summary["scene"] == "bunny"
     assert (summary["steps"], summary["timestep"], summary["duration"]) == (500, 0.002, 1.0)
@@ -43,6 +48,7 @@ def test_run_records_prints_and_writes_its_summary(tmp_path, monkeypatch, capsys
         "ms in logging",
         "bunny",
         "look at it with",
+        "sea: 3 waves, amplitude 0.1, 0.06, 0.03 m",
     ):
         assert expected in stdout
     assert "\r" not in stderr  # no progress bar without a terminal
@@ -64,6 +70,109 @@ def test_the_summary_matches_the_same_run_in_python(tmp_path, monkeypatch, capsy
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out.json"]
 
 
+DRY = """<mujoco><worldbody><body name="hull"><freejoint/>
+  <geom name="shell" type="box" size="0.5 0.5 0.5" density="500"/>
+  <geom name="mast" pos="0 0 1" size="0.1" mass="0" contype="0" conaffinity="0"/>
+</body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("ending", ["xml", "urdf"])
+def test_bodies_of_dry_files_float(ending, tmp_path, capsys):
+    """A URDF's root would be fixed to the world."""
+    inertia = "".join(f' i{axes}="40"' for axes in ("xx", "yy", "zz"))
+    products = "".join(f' i{axes}="0"' for axes in ("xy", "xz", "yz"))
+    urdf = f"""<robot name="box"><link name="hull">
+      <inertial><mass value="500"/><inertia{inertia}{products}/></inertial>
+      <collision><geometry><box size="1 1 1"/></geometry></collision></link></robot>"""
+    path, out = tmp_path / f"dry.{ending}", tmp_path / "out.json"
+    path.write_text(DRY if ending == "xml" else urdf)
+    options = ("--no-record", "--duration", 0.1, "--quiet", "--json", out)
+    assert status_of("run.py", path, *options, "--buoyant", "hull") == 0
+    summary = json.loads(out.read_text())
+    assert list(summary["bodies"]) == ["hull"]
+    assert summary["sea"] == "still water"
+    assert status_of("run.py", path, *options) == 2
+    assert "name a body: --buoyant BODY" in capsys.readouterr().err
+
+
+def test_the_summary_of_many_bodies_is_folded(capsys):
+    """A table of 100 rows becomes its first rows and its extremes."""
+    assert status_of("run.py", MODELS / "spheres.xml", "--duration", 0.1, "--no-record") == 0
+    printed = capsys.readouterr().out
+    assert printed.count("ball_0_0 ") == 4  # in the means, and in each block of the motions
+    assert "ball_5_5" not in printed
+    assert printed.count("most of 100") == printed.count("least of 100") == 4
+    assert len(printed.splitlines()) < 30
+    assert "--json FILE writes the numbers of all" in printed
+
+
+def test_the_motions_match_the_series_after_the_warm_up(tmp_path):
+    out, table = tmp_path / "out.json", tmp_path / "s.npz"
+    options = ("--no-record", "--quiet", "--duration", 3, "--warm-up", 1)
+    files = ("--json", out, "--series", table)
+    assert status_of("run.py", MODELS / "trio.xml", *options, *files) == 0
+    bodies, series = json.loads(out.read_text())["bodies"], read_columns(table)
+    for body, found in bodies.items():
+        counts = (series["body"] == body) & (series["time"] >= 1.0 - 1e-9)
+        for name, column in (("heave_m", "heave"), ("heel_deg", "heel_deg")):
+            values = series[column][counts]
+            assert found[name]["mean"] == pytest.approx(values.mean())
+            assert found[name]["std"] == pytest.approx(values.std())
+            assert found[name]["largest"] == values[np.abs(values).argmax()]
+        assert found["mean_tilt_deg"] == pytest.approx(series["tilt_deg"][counts].mean())
+        assert found["drift_m"]["largest"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("sea", "words"),
+    [
+        (Sea(), "still water"),
+        (Sea(density=1000.0, level=2.0), "still water; level 2 m; density 1000 kg/m^3"),
+        (
+            Sea([Wave(0.1, 4.0, np.pi / 2.0)], current=(-0.3, 0.0), ramp=5.0),
+            "1 wave, amplitude 0.1 m, length 4 m, heading 90 deg, steepness 0.16; "
+            "current 0.3 m/s towards 180 deg; the waves grow for 5 s",
+        ),
+        (
+            Sea([Wave(0.01, length, 0.1) for length in np.linspace(2.0, 9.0, 8)]),
+            "8 waves of 2 to 9 m, significant height 0.08 m, mean heading 6 deg, steepness 0.11",
+        ),
+        (Sea(tide=[(0, -1), (9, 1)]).hydrostatic, "still water; tide from -1 to 1 m; hydrostatic"),
+    ],
+)
+def test_a_sea_is_named_in_one_line(sea, words):
+    assert sea_in_words(sea).startswith(words)
+
+
+class Window:
+    """A stand-in for MuJoCo's viewer, which closes after ten views."""
+
+    views = 0
+
+    def sync(self):
+        self.views += 1
+
+    def is_running(self):
+        return self.views < 10
+
+    def close(self):
+        self.views = -1
+
+
+def test_a_viewed_run_keeps_its_speed_and_ends_with_its_window(tmp_path, monkeypatch):
+    window, waits = Window(), []
+    monkeypatch.setattr("glfw.init", lambda: True)
+    monkeypatch.setattr("mujoco.viewer.launch_passive", lambda model, data: window)
+    monkeypatch.setattr("time.sleep", waits.append)
+    monkeypatch.setattr("time.perf_counter", lambda: 0.0)
+    scene = Scene.load(MODELS / "cube.xml")
+    with Screen(scene, speed=2.0) as screen:
+        shown = [screen.show(sample) for sample in islice(simulate(scene, 9.0, 10.0), 10)]
+    assert shown == [True] * 9 + [False]
+    np.testing.assert_allclose(waits, 0.05 * np.arange(10), atol=1e-9)
+    assert window.views == -1
+
+
 BROKEN = {
     "no file": (["nowhere.xml"], "there is no scene file nowhere.xml"),
     "not MJCF": (["broken.xml"], "MuJoCo cannot compile it"),
@@ -72,6 +181,13 @@ BROKEN = {
         [MODELS / "cube.xml", "--set", "buoyancy_method=magic"],
         "'magic' is not a method; expected one of",
     ),
+    "no body": (["dry.xml", "--buoyant", "hul"], "there is no body 'hul'; the model has hull"),
+    "speed of no viewer": ([MODELS / "cube.xml", "--speed", "2"], "viewer; add --view"),
+    "only a warm-up": (
+        [MODELS / "cube.xml", "--duration", "2", "--warm-up", "2"],
+        "nothing left after a warm-up of 2 s; run longer (--duration) or warm up for less time",
+    ),
+    "no screen": ([MODELS / "cube.xml", "--view"], "--view found no screen; leave it out"),
     "no duration": ([MODELS / "cube.xml", "--duration", "0"], "--duration: 0 is not"),
     "no number": (
         [MODELS / "cube.xml", "--rate", "fast"],
@@ -125,6 +241,7 @@ def test_unusable_input_gives_one_line_and_status_2(case, tmp_path, monkeypatch,
     missing = '<asset><mesh file="no.obj"/></asset>'
     variants = {
         "void.xml": "",
+        "dry.xml": DRY,
         "noise.xml": "\x00\x01<<<",
         "meshless.xml": cube.replace("<worldbody>", missing + "<worldbody>"),
         "folding.xml": cube.replace("0.10 4.0 0 0", "1.0 4.0 0 0"),
@@ -135,6 +252,8 @@ def test_unusable_input_gives_one_line_and_status_2(case, tmp_path, monkeypatch,
         (tmp_path / name).write_text(text)
     before = sorted(tmp_path.rglob("*"))
     monkeypatch.chdir(tmp_path)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
     status = status_of("run.py", *arguments)
     stdout, stderr = capsys.readouterr()
     assert (status, stdout) == (2, "")

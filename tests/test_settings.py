@@ -143,11 +143,21 @@ def test_densities_of_geoms_may_be_overridden(tmp_path, capsys):
     assert status_of("run.py", path, *short, "--density", "cube=300") == 0
     capsys.readouterr()
     assert status_of("run.py", path, *short, "--density", "ball=300") == 2
-    assert "there is no geom 'ball'; the scene has 'cube'" in capsys.readouterr().err
+    assert "there is no geom or body 'ball'; the scene has 'cube'" in capsys.readouterr().err
     own = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
     path.write_text(xml(CUBE.replace("<freejoint/>", "<freejoint/>" + own)))
     assert status_of("run.py", path, *short, "--density", "cube=300") == 2
     assert "has an <inertial> of its own" in capsys.readouterr().err
+
+
+def test_the_density_of_a_body_is_that_of_its_colliding_geoms():
+    ghost = '<geom name="g" size="1" mass="0" contype="0" conaffinity="0"/>'
+    part = '<body><geom type="box" size="0.5 0.5 0.5" density="900" contype="1"/></body>'
+    bodies = CUBE.replace('name="cube" pos', 'name="boat" pos').replace(
+        "</body>", f"{ghost}{part}</body>"
+    )
+    scene = afloat(bodies, load=dict(densities={"boat": 100.0}))
+    assert scene.model.body_mass.sum() == pytest.approx(200.0)
 
 
 BANDS = 0.01

@@ -16,7 +16,7 @@ from scenes import CUBE, WAVES, model, xml
 
 from command_line import UNWRITABLE
 from independent import MODELS, REPOSITORY, receive_ctrl_c, sending, status_of
-from sim import Scene, Sea, simulate
+from sim import Scene, Sea, Tally, simulate
 from sim.runs.locked import LockedFile
 from sim.runs.series import COLUMNS, Series
 from sim.runs.statistics import heights, start_times
@@ -70,6 +70,28 @@ def test_the_row_of_a_run_matches_its_samples():
     assert row["cube heave std"] == pytest.approx(np.std([s.positions[0, 2] for s in samples]))
     tilts = np.degrees([s.tilts[0] for s in samples])
     assert row["cube tilt_deg mean"] == pytest.approx(np.mean(tilts))
+
+
+def test_a_sweep_takes_the_options_of_a_scene(tmp_path):
+    """A dry file with two keyframes; resuming compares the options."""
+    cube = CUBE.replace("<body", "<body gravcomp='0'")
+    keys = '<keyframe><key name="low"/><key name="high" qpos="0 0 0.3 1 0 0 0"/></keyframe>'
+    (tmp_path / "dry.xml").write_text(xml(cube, (), extra=keys))
+    options = ("--buoyant", "cube", "--density", "cube=300", "--timestep", "0.01")
+    output = tmp_path / "a.csv"
+    arguments = (*options, "--keyframe", "high", "--output", output, "--quiet", *SHORT)
+    assert status_of("sweep.py", tmp_path / "dry.xml", *arguments) == 0
+    found = read_columns(output)
+    load = dict(buoyant=("cube",), densities={"cube": 300.0}, timestep=0.01, keyframe="high")
+    scene = Scene.load(tmp_path / "dry.xml", **load)
+    tally = Tally(scene, warm_up=1.0)
+    for sample in simulate(scene, 4.0, 10.0):
+        tally.add(sample)
+    heave = tally.bodies()["cube"]["heave_m"]
+    assert found["cube heave mean"][0] == pytest.approx(heave["mean"])
+    assert found["cube heave std"][0] == pytest.approx(heave["std"])
+    plan = Plan(tmp_path / "dry.xml", 4.0, 1.0, 10.0, ("cube",), (("cube", 300.0),))
+    assert json.loads(json.dumps(plan.as_row())) == plan.as_row()
 
 
 def test_runs_in_threads_match_runs_in_one():

@@ -15,9 +15,10 @@ from sim.mjcf.faults import Faults
 from sim.mjcf.fields import (
     BUOYANT,
     NUMERICS,
-    PREFIXES,
     check_numeric,
     check_text,
+    is_ours,
+    nearest,
     numeric_base,
     text_base,
 )
@@ -49,10 +50,28 @@ def elements_of(
     table of fields."""
     for i, full_name in enumerate(custom_names(model, kind)):
         name = full_name.removeprefix(prefix)
-        is_ours = name.startswith(PREFIXES) or name == "drag"
-        is_ours |= kind == mujoco.mjtObj.mjOBJ_TEXT and text_base(name) is not None
-        if full_name.startswith(prefix) and is_ours:
+        if full_name.startswith(prefix) and _is_read(kind, name):
             yield i, name
+
+
+def _is_read(kind: mujoco.mjtObj, name: str) -> bool:
+    """Whether a custom element belongs to the table of fields."""
+    return is_ours(name) or (kind == mujoco.mjtObj.mjOBJ_TEXT and text_base(name) is not None)
+
+
+def notes_about_names(model: mujoco.MjModel) -> Iterator[str]:
+    """Notes about custom elements that are not read, because their names are only nearly fields."""
+    kinds = mujoco.mjtObj
+    prefixes = prefixes_of(custom_names(model, kinds.mjOBJ_TUPLE))
+    for kind in (kinds.mjOBJ_NUMERIC, kinds.mjOBJ_TEXT, kinds.mjOBJ_TUPLE):
+        for name in custom_names(model, kind):
+            own = [name.removeprefix(prefix) for prefix in prefixes if name.startswith(prefix)]
+            near = None if any(_is_read(kind, n) for n in own) else nearest(own[-1])
+            if near is not None:
+                yield (
+                    f"custom {kind.name.removeprefix('mjOBJ_').lower()} '{name}' has no effect on "
+                    f"the water; correct its name if it is meant to be '{near}'"
+                )
 
 
 def numerics_of(model: mujoco.MjModel, prefix: str, faults: Faults) -> dict[str, Array]:

@@ -7,8 +7,10 @@ The tuple `buoyant` lists geoms, whose surfaces are hulls, and bodies. A body st
 of its subtree that collide, or for all geoms if none collides.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from itertools import cycle
 from typing import NoReturn
 
@@ -54,6 +56,10 @@ PREFIXES = (
 )  # fmt: skip
 """Beginnings of names that belong to this table. An unknown name with such a beginning is a typing
 error and is refused."""
+
+NEARNESS = 0.8
+"""Least likeness of two names, from 0 to 1, at which one is likely the other with a typing error. A
+letter that is missing or added in a name of four letters gives 0.86 or more."""
 
 
 @dataclass(frozen=True)
@@ -321,6 +327,23 @@ def _base(name: str, table: dict[str, NumericField] | dict[str, TextField]) -> s
     for base, field in table.items():
         if name == base or (field.per_geom and name.startswith(f"{base}_")):
             return base
+    return None
+
+
+def is_ours(name: str) -> bool:
+    """Whether a name belongs to this table; it may still be unknown."""
+    return name.startswith(PREFIXES) or name == "drag"
+
+
+def nearest(name: str) -> str | None:
+    """The field, or the tuple `buoyant`, whose name another one nearly is; None if there is none.
+    The first words are compared, too, because the others may be those of a wave or a geom."""
+    fields = {base.removesuffix("_<name>"): base for base in (*NUMERICS, *TEXTS, BUOYANT)}
+    words = re.split(r"[^a-z0-9]+", name.lower())
+    for count in range(len(words), 0, -1):
+        close = get_close_matches("_".join(words[:count]), fields, n=1, cutoff=NEARNESS)
+        if close:
+            return fields[close[0]]
     return None
 
 

@@ -20,6 +20,7 @@ from sim.mjcf.drag_fields import DragFields
 from sim.mjcf.elements import (
     check_geoms,
     custom_names,
+    notes_about_names,
     numbers_of,
     numerics_of,
     of_geom,
@@ -86,7 +87,7 @@ def stamp_of(name: str) -> Stamp:
 def read_model(model: mujoco.MjModel) -> Floating:
     """The sea and the floating geoms of a compiled model. Raises ModelError with all faults, each
     with its element and its remedy."""
-    faults, notes = Faults(), []
+    faults, notes = Faults(), [*notes_about_names(model)]
     check_physics(model, faults)
     with faults.collected():
         first_state(model)
@@ -132,7 +133,8 @@ def _sections(model: mujoco.MjModel, faults: Faults) -> Iterator[Section]:
         with faults.collected():
             raise ValueError(
                 "nothing floats: there is no custom tuple 'buoyant'; add <tuple name=\"buoyant\">"
-                '<element objtype="geom" objname="..."/></tuple> to <custom>'
+                '<element objtype="geom" objname="..."/></tuple> to <custom>, or name a body: '
+                "--buoyant BODY, or in Python add_water or Scene.load(buoyant=...)"
             )
     yield from sections
 

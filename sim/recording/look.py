@@ -7,9 +7,9 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from sim.recording.output import path_part
-from sim.runs.simulation import Tally
+from sim.runs.tally import Tally
 from sim.scenes.scene import Scene
-from sim.water.sea import Sea
+from sim.water.words import sea_in_words
 
 Array = NDArray[np.float64]
 
@@ -27,9 +27,6 @@ MOST_PLOTTED = 6
 """Largest number of bodies in the plots and the overview. The series of the other bodies are in the
 recording as rows of one entity, because separate entities take ten times the space. A scene with
 more bodies has no trails."""
-
-MOST_WAVES_NAMED = 4
-"""Largest number of waves that the overview lists one by one."""
 
 TROUGH_COLOUR, CREST_COLOUR = np.array([12.0, 50.0, 104.0]), np.array([122.0, 196.0, 228.0])
 WATER_OPACITY = 125
@@ -166,20 +163,6 @@ def overview(scene: Scene, tally: Tally, largest_head: float | None = None) -> s
         f"{step:,} steps to {tally.last.time:.2f} s, {1e6 * spent / max(step, 1):.0f} µs each",
     ]
     return "\n".join(lines)
-
-
-def sea_in_words(sea: Sea) -> str:
-    """A line about a sea: each wave, or the significant height of many waves."""
-    if not sea.waves:
-        return "still water"
-    if len(sea.waves) > MOST_WAVES_NAMED:
-        lengths = [wave.wavelength for wave in sea.waves]
-        return (
-            f"{len(sea.waves)} waves of {min(lengths):.3g} to {max(lengths):.3g} m, significant "
-            f"height {sea.significant_height:.3g} m, steepness {sea.steepness:.2f}, {sea.pressure}"
-        )
-    waves = ", ".join(f"{w.amplitude:.3g} x {w.wavelength:.3g} m" for w in sea.waves)
-    return f"waves (amplitude x length) {waves}, steepness {sea.steepness:.2f}, {sea.pressure}"
 
 
 def _view(scene: Scene, name: str, root: str = "", abreast: int = 1) -> rrb.Spatial3DView:

@@ -48,7 +48,8 @@ from sim.recording.look import (
 )
 from sim.recording.output import VIEWER_PORT, Output, path_part
 from sim.runs.motions import motion
-from sim.runs.simulation import Sample, Tally, observe
+from sim.runs.simulation import Sample, observe
+from sim.runs.tally import Tally
 from sim.scenes.scene import Scene
 
 Send = Callable[[str, rr.ComponentColumnList], None]

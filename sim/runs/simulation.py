@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -66,12 +65,18 @@ def simulate(scene: Scene, duration: float, rate: float = 30.0) -> Iterator[Samp
     return _samples(scene, duration, rate)
 
 
-def check_run(scene: Scene, duration: float, rate: float) -> None:
-    """Raise ValueError for an invalid duration [s] or rate [Hz], for too many steps, and for a
-    model that has changed since it was loaded."""
+def check_run(scene: Scene, duration: float, rate: float, warm_up: float = 0.0) -> None:
+    """Raise ValueError for an invalid duration [s] or rate [Hz], for a warm-up [s] that leaves
+    nothing of the duration, for too many steps, and for a model that has changed since it was
+    loaded."""
     for name, value in (("duration", duration), ("rate", rate)):
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value}; it must be finite and above 0")
+    if warm_up >= duration:
+        raise ValueError(
+            f"a run of {duration:g} s has nothing left after a warm-up of {warm_up:g} s; run "
+            "longer (--duration) or warm up for less time (--warm-up)"
+        )
     steps = duration / scene.model.opt.timestep
     if not steps <= MOST_STEPS:
         raise ValueError(
@@ -166,53 +171,3 @@ def observe(
         step_seconds=step_seconds,
         buoyancy_seconds=buoyancy_seconds,
     )
-
-
-class Tally:
-    """Means over the samples of a run.
-
-    tally = Tally(scene)
-    for sample in simulate(scene, 10.0):
-        tally.add(sample)
-    tally.bodies()
-    """
-
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        self.last: Sample | None = None
-        self._count = 0
-        self._sums = np.zeros((len(scene.buoyancy.bodies), 4))
-
-    def add(self, sample: Sample) -> None:
-        """Add a sample; all samples have the same weight."""
-        self._sums += np.column_stack(
-            [
-                sample.centres[:, 2],
-                np.degrees(sample.tilts),
-                sample.submerged_fractions,
-                sample.body_wrenches[:, 2] / self.scene.buoyancy.weights,
-            ]
-        )
-        self._count += 1
-        self.last = sample
-
-    def bodies(self) -> dict[str, dict[str, Any]]:
-        """For each floating body, as numbers for JSON: mean_height [m] of the centre of mass,
-        mean_tilt_deg, mean_submerged_fraction, mean_force_over_weight (vertical, over its weight
-        with all bodies that are welded to it), final_position (3) [m] and final_quaternion (4) of
-        its frame."""
-        if self.last is None:
-            return {}
-        means = self._sums / self._count
-        rows = np.hstack([means, self.last.positions, self.last.quaternions]).tolist()
-        return {
-            body: {
-                "mean_height": row[0],
-                "mean_tilt_deg": row[1],
-                "mean_submerged_fraction": row[2],
-                "mean_force_over_weight": row[3],
-                "final_position": row[4:7],
-                "final_quaternion": row[7:],
-            }
-            for body, row in zip(self.scene.buoyancy.body_names, rows, strict=True)
-        }

@@ -37,21 +37,27 @@ TIMES = "seconds", "stepping_seconds"
 class Plan:
     """The settings that all runs of a sweep share.
 
-    scene: an MJCF file. duration [s]: simulated time. warm_up [s]: the first part of the duration,
-    which the statistics ignore. rate [Hz]: samples per second.
+    scene: an MJCF or URDF file. duration [s]: simulated time. warm_up [s]: the first part of the
+    duration, which the statistics ignore. rate [Hz]: samples per second. buoyant, densities,
+    timestep, keyframe: as in `Scene.load`.
     """
 
     scene: Path
     duration: float
     warm_up: float
     rate: float
+    buoyant: tuple[str, ...] = ()
+    densities: tuple[tuple[str, float], ...] = ()
+    timestep: float | None = None
+    keyframe: str | None = None
 
     def as_row(self) -> Row:
-        """The plan for comparison with other plans, with a hash of the scene's files as scene."""
+        """The plan for comparison with other plans, as in JSON, with a hash of the scene's files as
+        scene."""
         digest = sha256()
         for path in sorted(model_files(self.scene)):
             digest.update(path.read_bytes())
-        return asdict(self) | {"scene": digest.hexdigest()}
+        return json.loads(json.dumps(asdict(self) | {"scene": digest.hexdigest()}))
 
 
 @dataclass(frozen=True)
@@ -90,7 +96,9 @@ def perform(plan: Plan, run: Run) -> Row:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Note)  # check_plan shows the notes
             scene = _scene(plan, run.settings)
-        scene = replace(scene, data=first_state(scene.model))  # other threads may share the scene
+        scene = replace(
+            scene, data=first_state(scene.model, plan.keyframe)
+        )  # other threads may share the scene
         scene.data.time += run.start
         series = Series(scene)
         for sample in simulate(scene, plan.duration, plan.rate):
@@ -135,17 +143,19 @@ def statistics_of(columns: Mapping[str, Any], bodies: Sequence[str]) -> Row:
 @lru_cache(maxsize=4)
 def _scene(plan: Plan, settings: tuple[tuple[str, str], ...]) -> Scene:
     """The scene with some settings. Runs that differ only in their start times share it."""
-    return Scene.load(plan.scene, settings=[f"{name}={value}" for name, value in settings])
+    return Scene.load(
+        plan.scene,
+        buoyant=plan.buoyant,
+        settings=[f"{name}={value}" for name, value in settings],
+        densities=dict(plan.densities),
+        timestep=plan.timestep,
+        keyframe=plan.keyframe,
+    )
 
 
 def check_plan(plan: Plan, run: Run) -> None:
     """Raise the ValueError or OSError with which a run would fail."""
-    if plan.warm_up >= plan.duration:
-        raise ValueError(
-            f"a run of {plan.duration:g} s has nothing left after a warm-up of {plan.warm_up:g} s; "
-            "run longer"
-        )
-    check_run(_scene(plan, run.settings), plan.duration, plan.rate)
+    check_run(_scene(plan, run.settings), plan.duration, plan.rate, plan.warm_up)
 
 
 def kept_rows(text: bytes, plan: Plan, runs: Sequence[Run]) -> tuple[list[Row], int]:

@@ -1,6 +1,6 @@
 """Scene: a model with its state and its water, ready to be stepped."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +15,7 @@ from sim.mjcf.notes import notes_about_positions
 from sim.scenes.buoyancy import Buoyancy
 from sim.scenes.hydrostatics import hydrostatics, notes_about_start
 from sim.scenes.settings import Settings, override, set_sea
-from sim.scenes.spec import compiled, read_spec, with_plugin
+from sim.scenes.spec import add_water, compiled, read_spec
 from sim.scenes.timestep import notes_about_timestep
 from sim.water.sea import Sea
 
@@ -48,18 +48,20 @@ class Scene:
         source: str | Path | mujoco.MjSpec,
         *,
         name: str | None = None,
+        buoyant: Sequence[str] = (),
         settings: Settings = (),
         sea: Sea | None = None,
         densities: Mapping[str, float] | None = None,
         timestep: float | None = None,
         keyframe: str | None = None,
     ) -> "Scene":
-        """Compile an MJCF file or an MjSpec, and put it into a keyframe.
+        """Compile an MJCF or URDF file or an MjSpec, and put it into a keyframe.
 
-        settings: custom fields that override the file's, as a mapping of names to numbers or texts,
-        or as "NAME=VALUE" strings (see `settings`). sea: replaces the file's sea. densities
-        [kg/m^3]: of geoms, by name. timestep [s]: overrides the file's. keyframe: the name of the
-        start; by default the first keyframe, if there is one.
+        buoyant: names of bodies that float besides those of the file (see `add_water`). settings:
+        custom fields that override the file's, as a mapping of names to numbers or texts, or as
+        "NAME=VALUE" strings (see `settings`). sea: replaces the file's sea. densities [kg/m^3]: by
+        the name of a geom, or of a body for its geoms that would float. timestep [s]: overrides the
+        file's. keyframe: the name of the start; by default the first keyframe, if there is one.
 
         The file is not changed. A model without the plugin gets it. Raises FileNotFoundError, or
         ModelError with all faults. Notes warn of likely mistakes, of bodies that will not stay
@@ -69,6 +71,7 @@ class Scene:
         spec = read_spec(Path(source)) if is_file else source
         name = name or (Path(source).stem if is_file else "scene")
         try:
+            add_water(spec, *buoyant)
             _set_densities(spec, densities or {})
             if timestep is not None:
                 if not (np.isfinite(timestep) and timestep > 0):
@@ -77,7 +80,7 @@ class Scene:
             if sea is not None:
                 set_sea(spec, sea)
             override(spec, settings)
-            return cls.from_model(compiled(with_plugin(spec)), name, keyframe)
+            return cls.from_model(compiled(spec), name, keyframe)
         except ModelError as error:
             raise (error.located(str(source)) if is_file else error) from None
         except ValueError as error:
@@ -100,14 +103,25 @@ class Scene:
 
 
 def _set_densities(spec: mujoco.MjSpec, densities: Mapping[str, float]) -> None:
-    """Set the densities [kg/m^3] of geoms. Raises ModelError."""
+    """Set the densities [kg/m^3] of geoms and bodies. Raises ModelError."""
     for name, density in densities.items():
-        geom = spec.geom(name)
-        if geom is None:
-            known = ", ".join(f"'{g.name}'" for g in spec.geoms if g.name)
-            raise ModelError([f"density: there is no geom '{name}'; the scene has {known}"])
-        if geom.parent.explicitinertial:
-            raise ModelError(
-                [f"density: the body of geom '{name}' has an <inertial> of its own; remove it"]
-            )
-        geom.density, geom.mass = density, np.nan  # NaN: computed from the density
+        for geom in _dense_geoms(spec, name):
+            if geom.parent.explicitinertial:
+                owner = f"the body '{geom.parent.name}'"
+                raise ModelError([f"density: {owner} has an <inertial> of its own; remove it"])
+            geom.density, geom.mass = density, np.nan  # NaN: computed from the density
+
+
+def _dense_geoms(spec: mujoco.MjSpec, name: str) -> list[mujoco.MjsGeom]:
+    """The geom with a name, or else the geoms of the body with that name: those of its subtree that
+    collide, or all of them if none collides, as in the tuple `buoyant`."""
+    geom, body = spec.geom(name), spec.body(name)
+    if geom is not None:
+        return [geom]
+    if body is None:
+        known = ", ".join(
+            dict.fromkeys(f"'{e.name}'" for e in [*spec.geoms, *spec.bodies[1:]] if e.name)
+        )
+        raise ModelError([f"density: there is no geom or body '{name}'; the scene has {known}"])
+    below = body.find_all("geom")
+    return [g for g in below if g.contype or g.conaffinity] or below

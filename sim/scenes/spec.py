@@ -58,7 +58,9 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     """The MjSpec of an MJCF or URDF file. Paths in its fields are relative to its folder. Raises
     FileNotFoundError, or ValueError for a file that MuJoCo cannot read."""
     if not path.is_file():
-        raise FileNotFoundError(f"there is no scene file {path}; give the path of an MJCF file")
+        raise FileNotFoundError(
+            f"there is no scene file {path}; give the path of an MJCF or URDF file"
+        )
     try:
         str(path).encode()
     except UnicodeEncodeError:

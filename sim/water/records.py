@@ -30,6 +30,9 @@ KEPT_ENERGY_SHARE = 0.99995
 CORRECTION_ROUNDS = 12
 """Number of corrections of the components. Each reduces the difference to a share of about k a."""
 
+MOST_NAMES = 12
+"""Largest number of names of columns that an error lists."""
+
 COMPONENT_NAMES = ("amplitude", "wavelength", "period", "heading", "phase")
 
 
@@ -166,9 +169,10 @@ def read_table(path: Path, known: Sequence[str]) -> dict[str, Array]:
     names = [cell.split("[")[0].split("(")[0].strip().lower() for cell in rows[0]] if rows else []
     unknown = [name for name in names if name not in known]
     if unknown or len(set(names)) < len(names) or len(rows) < 2:
+        listed = ", ".join(known[:MOST_NAMES]) + ", ..." * (len(known) > MOST_NAMES)
         raise ValueError(
             f"{path} begins with '{','.join(rows[0])[:60] if rows else ''}'; expected a header "
-            f"with names from {', '.join(known)}, each at most once, then lines of numbers"
+            f"with names from {listed}, each at most once, then lines of numbers"
         )
     columns: list[list[float]] = []
     for line, row in enumerate(rows[1:], start=2):

@@ -1,0 +1,51 @@
+"""Screen: shows a run at real time in MuJoCo's interactive viewer."""
+
+import sys
+import time
+import warnings
+from types import TracebackType
+
+from sim import Sample, Scene
+
+
+class Screen:
+    """A window that shows a scene. speed: simulated seconds per second of wall time. Raises
+    ValueError if no window can be opened. A `with` block closes the window."""
+
+    def __init__(self, scene: Scene, speed: float) -> None:
+        import glfw  # libraries of windows are loaded only for a window
+        import mujoco.viewer
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # GLFW's warning says less than the error below
+            has_screen = sys.platform != "linux" or glfw.init()
+        if not has_screen:  # MuJoCo would end the process
+            raise ValueError(
+                "--view found no screen; leave it out and open the recording where there is one, "
+                "or give a virtual one: xvfb-run python scripts/run.py ..."
+            )
+        try:
+            self._viewer = mujoco.viewer.launch_passive(scene.model, scene.data)
+        except RuntimeError as error:  # on macOS, if the script does not run under mjpython
+            raise ValueError(f"--view: {' '.join(str(error).split())}") from None
+        self._speed, self._begin = speed, scene.data.time
+        self._opened = time.perf_counter()
+
+    def __enter__(self) -> "Screen":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._viewer.close()
+
+    def show(self, sample: Sample) -> bool:
+        """Show the present state of the scene when its time has come. Returns whether the window is
+        still open."""
+        due = self._opened + (sample.time - self._begin) / self._speed
+        time.sleep(max(due - time.perf_counter(), 0.0))
+        self._viewer.sync()
+        return self._viewer.is_running()
