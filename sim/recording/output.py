@@ -31,7 +31,7 @@ def path_part(name: str) -> str:
 
 
 class Output:
-    """An .rrd file, a viewer, or both, for logged data.
+    """An .rrd file, a viewer, or both, for logged data. stream: Rerun's stream of it.
 
     Missing folders are made. Raises OSError if the file cannot be written, is written by another
     run, or is removed, and if no viewer can be opened; ValueError if Rerun is switched off. An
@@ -47,6 +47,10 @@ class Output:
         view: bool = False,
         port: int = VIEWER_PORT,
     ) -> None:
+        if path is None and not view:
+            raise ValueError(
+                "the recording would go nowhere: give the path of an .rrd file, or view=True"
+            )
         switch = os.environ.get("RERUN", "")
         if switch.lower() in ("0", "false", "off"):
             raise ValueError(
@@ -55,7 +59,7 @@ class Output:
             )
         self.is_open = True
         self._path, self._file, self._flushed = path, None, 0
-        self._stream = stream = rr.RecordingStream("waterline")
+        self.stream = stream = rr.RecordingStream("waterline")
         stream.set_log_time_enabled(False)
         stream.set_log_tick_enabled(False)
         self.log, self.send_columns = stream.log, stream.send_columns
@@ -76,7 +80,7 @@ class Output:
     def flush(self) -> None:
         """Write all logged data to the disk."""
         try:
-            self._stream.flush(timeout_sec=FLUSH_SECONDS)
+            self.stream.flush(timeout_sec=FLUSH_SECONDS)
         except RuntimeError as error:
             self._give_up(error)
         if self._file is not None:
@@ -89,7 +93,7 @@ class Output:
     def close(self) -> None:
         """Write all logged data and release the file and the viewer."""
         self.flush()
-        self._stream.disconnect()
+        self.stream.disconnect()
         self._release()
 
     def _release(self) -> None:
@@ -100,7 +104,7 @@ class Output:
     def _give_up(self, error: RuntimeError) -> NoReturn:
         """Raise OSError, and keep the end of the stream and of the process from waiting for the
         failed writer."""
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.stream))
         atexit.unregister(rr.rerun_shutdown)
         if self._file is not None:
             self._file.truncate(self._flushed)

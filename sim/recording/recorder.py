@@ -3,18 +3,25 @@
 Entities, all in world axes [m]:
 
     world/water                     the surface around the bodies, made of its own particles
-    world/bodies/<body>             pose of the body frame; below it its hulls, darker where wet
+    world/horizon/sea, sky          the far sea and the sky around it
+    world/bodies/<body>             pose of the body frame; below it its hulls, darker where wet,
+                                    its other geoms, and its sites
+    world/tendons/<tendon>          paths of tendons
+    world/contacts                  forces of contacts
     world/waterline                 where the surface meets the hulls
-    world/forces/<force>            arrows at the centres of mass: buoyancy, weight, drag
-    world/trail                     recent positions of the centres of mass
+    world/forces/<force>            arrows: buoyancy at its centre, weight and drag at the centre of
+                                    mass
+    world/trail                     recent positions of the centres of mass, hidden at first
     world/focus                     target of the camera, which moves with it
     plots/<quantity>/<body>         heave, surge, height and height of the water [m], tilt, heel,
                                     trim [deg], submerged fraction [-], vertical buoyant force
                                     [weights]
     others/<quantity>               the same of all bodies beyond MOST_PLOTTED, in one row
+    envelope/<quantity>             largest, mean and smallest value over so many bodies
     overview                        scene, sea, hulls and settings; at the end the means
 
-The timelines are `time` (simulated seconds) and `frame`.
+The timelines are `time` (simulated seconds) and `frame`. If the time of the samples goes back, as
+after a reset, a new episode begins: `time` goes on after a gap of EPISODE_GAP.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,38 +31,53 @@ from typing import Any, Self
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
+from sim.mjcf.floats import body_label
+from sim.recording.colours import palette, rounded, told_apart
 from sim.recording.display_mesh import DisplayMesh, DisplayMeshes
 from sim.recording.frame import WATER_RESOLUTION, Artist, Frame
 from sim.recording.look import (
     COLOURS,
+    CONTACT_COLOUR,
+    ENVELOPE_COLOURS,
+    ENVELOPE_NAMES,
+    ENVELOPE_SERIES,
     FORCE_COLOURS,
     HEAD_PALETTE,
     MOST_PLOTTED,
     OTHER_SERIES,
     SERIES,
     TINT_SHARE,
-    WATER_OPACITY,
-    WATER_PALETTE,
+    TRAIL_COLOUR,
     WATER_QUANTITIES,
-    WATER_SERIES_COLOUR,
+    WATER_SERIES_SHARE,
     WATERLINE_COLOUR,
     WET_TINT,
     blueprint,
     overview,
-    palette,
-    rounded,
 )
 from sim.recording.output import VIEWER_PORT, Output, path_part
+from sim.recording.sea_surface import WATER_OPACITY
 from sim.runs.motions import motion
 from sim.runs.simulation import Sample, Tally, observe
 from sim.scenes.scene import Scene
 
+Array = NDArray[np.float64]
 Send = Callable[[str, rr.ComponentColumnList], None]
 
-ARROW_IN_HULLS, WIDEST_ARROW = 0.55, 1.6
+ARROW_RADIUS = 0.022
+"""Radius of an arrow over the length of the weight's arrow."""
+
+ARROW_IN_HULLS, WIDEST_ARROW = 0.75, 1.8
 """Length of the weight's arrow, in diagonals of the body's largest hull, and the largest diagonal
 that counts, in cube roots of the volume that the body displaces."""
+
+CONTACT_ARROW = 0.12
+"""Largest length of a contact's arrow, in distances of the eye."""
+
+EPISODE_GAP = 0.5
+"""Time [s] between the last sample of an episode and the first of the next."""
 
 BATCH_SECONDS = 1.0
 """Simulated time [s] that is sent at once, in columns. Single rows cost ten times as much."""
@@ -63,6 +85,35 @@ BATCH_SECONDS = 1.0
 LONGEST_WAIT, LONGEST_VIEWER_WAIT = 0.7, 0.05
 """Wall time [s] after which a shorter batch is sent, without and with a viewer. A killed run loses
 at most this time and a frame."""
+
+
+class Episodes:
+    """Times [s] of a recording. They go on after a gap when the time of the samples goes back.
+
+    starts: the recording's time at which each episode starts.
+    """
+
+    def __init__(self) -> None:
+        self.starts: list[float] = []
+        self._last, self._shift = np.inf, 0.0
+
+    @property
+    def time(self) -> float:
+        """The recording's time of the last sample."""
+        return self._last + self._shift
+
+    def is_new(self, time: float) -> bool:
+        """Whether an episode begins with a sample of a time."""
+        return time < self._last
+
+    def add(self, time: float) -> float:
+        """The recording's time of a sample of a time."""
+        if self.is_new(time):
+            if self.starts:
+                self._shift += self._last + EPISODE_GAP - time
+            self.starts.append(time + self._shift)
+        self._last = time
+        return time + self._shift
 
 
 class SceneWriter:
@@ -87,14 +138,18 @@ class SceneWriter:
         self._clock = clock
         self._output, self._artist, self._root = output, artist, root
         self._period, self._longest_wait = 0.0 if rate is None else 1.0 / rate, longest_wait
-        self._due: float | None = None
+        self._due = -np.inf
+        self._episodes = Episodes()
         self._waiting: list[Frame] = []
+        self._had_contacts = False
         self._tally = Tally(scene)
         names = scene.buoyancy.body_names
         self._plotted, self._others = names[:MOST_PLOTTED], names[MOST_PLOTTED:]
         self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
         self._rest_heights = scene.rest_heights
         self._start = scene.data.xpos[scene.buoyancy.bodies, 0].copy()
+        meshes = artist.meshes.of_bodies()
+        self._colours = told_apart([mesh.rgba[:3] for mesh in meshes[:MOST_PLOTTED]])
         self._palettes = [
             palette(mesh.rgba[:3], mesh.rgba[:3] + TINT_SHARE * (WET_TINT - mesh.rgba[:3]))
             if artist.largest_head is None
@@ -102,23 +157,26 @@ class SceneWriter:
             for mesh in artist.meshes
         ]
         output.log(root or "/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        self._log_static_surfaces()
-        self._log_static_lines()
+        self._log_bodies()
+        self._log_water()
+        self._log_lines()
+        self._log_series()
         self._log_overview()
         output.flush()
-        artist.frame(observe(scene))  # compiles before the run's time counts
+        artist.frame(observe(scene), 0.0)  # compiles before the run's time counts
         artist.forget()
         self._sent_at = self._clock()
 
     def log(self, sample: Sample) -> None:
         """Add one sample as the next frame, unless it comes before the next frame is due."""
         self._tally.add(sample)
-        if self._due is None:
-            self._due = sample.time
+        if self._episodes.is_new(sample.time):
+            self._begin(sample)
+        time = self._episodes.add(sample.time)
         if sample.time < self._due - 1e-9:
             return
         self._due += self._period
-        self._waiting.append(self._artist.frame(sample))
+        self._waiting.append(self._artist.frame(sample, time))
         self.frames += 1
         first = self._waiting[0].sample
         late = self._clock() - self._sent_at > self._longest_wait
@@ -131,70 +189,111 @@ class SceneWriter:
         self._send()
         self._log_overview()
 
-    def _log_static_surfaces(self) -> None:
-        for mesh in self._artist.meshes:
-            geom = self.scene.model.geom(mesh.geom)
-            albedo = (
-                np.array([255.0, 255.0, 255.0, mesh.rgba[3]])
-                if self._artist.is_shaded
-                else mesh.rgba
-            )
+    def _begin(self, sample: Sample) -> None:
+        """Begin an episode with a sample. The plotted lines have a gap before it."""
+        self._send()
+        self._due = sample.time
+        self._start = sample.positions[:, 0].copy()
+        self._artist.forget()
+        if self._episodes.starts:
+            end = self._episodes.time + 0.5 * EPISODE_GAP
+            index = rr.TimeColumn("time", duration=[end])
+            for entity in ("plots", "others", "envelope"):
+                self._output.send_columns(
+                    f"{self._root}/{entity}",
+                    indexes=[index],
+                    columns=rr.Clear.columns(is_recursive=[True]),
+                )
+
+    def _log_bodies(self) -> None:
+        """Log the surfaces of hulls, other geoms and sites, and the poses of bodies that are
+        fixed."""
+        artist, model = self._artist, self.scene.model
+        for mesh in artist.meshes:
+            if not mesh.is_drawn:
+                continue
+            geom = model.geom(mesh.geom)
+            white = np.array([255.0, 255.0, 255.0, mesh.rgba[3]])
             self._log(
                 self._entity(mesh),
-                rr.Transform3D(translation=geom.pos, quaternion=np.roll(geom.quat, -1)),
+                _transform(geom.pos, geom.quat),
                 rr.Mesh3D(
                     vertex_positions=mesh.corners,
                     triangle_indices=mesh.corner_faces,
                     vertex_normals=mesh.corner_normals,
-                    albedo_factor=rounded(albedo),
+                    albedo_factor=rounded(white if artist.is_shaded else mesh.rgba),
                 ),
             )
+        for part in artist.parts:
+            self._log(self._body(part.body, *part.path), _transform(*part.pose), part.mesh)
+        data = self.scene.data
+        for body in {part.body for part in artist.parts} - set(artist.moving):
+            self._log(self._body(body), _transform(data.xpos[body], data.xquat[body]))
+
+    def _log_water(self) -> None:
+        surface = self._artist.surface
         water = rr.Mesh3D.from_fields(
-            triangle_indices=self._artist.water_faces,
-            albedo_factor=(255, 255, 255, WATER_OPACITY),
+            triangle_indices=surface.faces, albedo_factor=(255, 255, 255, WATER_OPACITY)
         )
         self._log("world/water", water)
+        for name, (points, faces, colours) in surface.backdrop().items():
+            mesh = rr.Mesh3D(vertex_positions=points, triangle_indices=faces, vertex_colors=colours)
+            self._log(f"world/horizon/{name}", mesh)
 
-    def _log_static_lines(self) -> None:
+    def _log_lines(self) -> None:
         """Log the colours and widths of all lines, and the arrows of the weights."""
-        meshes = self._artist.meshes.of_bodies()
-        sizes = np.array([mesh.size for mesh in meshes])
+        artist, model = self._artist, self.scene.model
+        sizes = np.array([mesh.size for mesh in artist.meshes.of_bodies()])
         density = self.scene.buoyancy.sea.density
-        displaced = self._weights / (density * -self.scene.model.opt.gravity[2])
+        displaced = self._weights / (density * -model.opt.gravity[2])
         lengths = ARROW_IN_HULLS * np.minimum(sizes, WIDEST_ARROW * np.cbrt(displaced))
         self._metres_per_newton = (lengths / self._weights)[:, None]
         weight = self._weights[:, None] * [0.0, 0.0, -1.0]
         for name, colour in FORCE_COLOURS.items():
-            arrows = rr.Arrows3D.from_fields(colors=[colour], radii=0.014 * sizes)
+            arrows = rr.Arrows3D.from_fields(colors=[colour], radii=ARROW_RADIUS * lengths)
             self._log(f"world/forces/{name}", arrows)
         weight = rr.Arrows3D.from_fields(vectors=self._metres_per_newton * weight)
         self._log("world/forces/weight", weight)
-        waterline = rr.LineStrips3D.from_fields(
-            colors=[WATERLINE_COLOUR], radii=0.009 * min(mesh.size for mesh in self._artist.meshes)
-        )
-        self._log("world/waterline", waterline)
-        trail = rr.LineStrips3D.from_fields(
-            colors=[rounded(mesh.rgba[:3]) for mesh in meshes],
-            radii=0.006 * sizes,
-        )
-        self._log("world/trail", trail)
+        thin = artist.line_radius
+        for name, colour in {"waterline": WATERLINE_COLOUR, "trail": TRAIL_COLOUR}.items():
+            line = rr.LineStrips3D.from_fields(colors=[colour], radii=thin)
+            self._log(f"world/{name}", line)
+        arrows = rr.Arrows3D.from_fields(colors=[CONTACT_COLOUR], radii=2.0 * thin)
+        self._log("world/contacts", arrows)
+        for tendon, name in artist.tendons.items():
+            line = rr.LineStrips3D.from_fields(
+                colors=[rounded(255.0 * model.tendon_rgba[tendon])],
+                radii=max(float(model.tendon_width[tendon]), thin),
+            )
+            self._log(f"world/tendons/{path_part(name)}", line)
+
+    def _log_series(self) -> None:
+        """Log the names, colours and widths of all series."""
         for quantity, path in SERIES.items():
-            for name, mesh in zip(self._plotted, meshes, strict=False):
-                colour, label, width = mesh.rgba[:3], name, 2.0
+            for name, colour in zip(self._plotted, self._colours, strict=False):
+                label, width = name, 2.0
                 if quantity in WATER_QUANTITIES:
-                    colour, label, width = WATER_SERIES_COLOUR, f"water at {name}", 1.0
+                    colour, label, width = WATER_SERIES_SHARE * colour, f"water at {name}", 1.0
                 line = rr.SeriesLines(names=label, colors=[rounded(colour)], widths=[width])
                 self._log(path.format(path_part(name)), line)
             if self._others:
                 self._log(OTHER_SERIES[quantity], rr.SeriesLines(names=self._others))
+                of_water = "water, " if quantity in WATER_QUANTITIES else ""
+                envelope = rr.SeriesLines(
+                    names=[of_water + name for name in ENVELOPE_NAMES], colors=ENVELOPE_COLOURS
+                )
+                self._log(ENVELOPE_SERIES[quantity], envelope)
 
     def _entity(self, mesh: DisplayMesh) -> str:
-        buoyancy = self.scene.buoyancy
-        body = buoyancy.body_names[buoyancy.bodies.tolist().index(mesh.body)]
-        return f"world/bodies/{path_part(body)}/{path_part(mesh.name)}"
+        return self._body(mesh.body, mesh.name)
+
+    def _body(self, body: int, *below: str) -> str:
+        """The entity of a body, or of something below it."""
+        names = body_label(self.scene.model, body), *below
+        return "/".join(["world/bodies", *map(path_part, names)])
 
     def _log_overview(self) -> None:
-        text = overview(self.scene, self._tally, self._artist.largest_head)
+        text = overview(self.scene, self._tally, self._artist.largest_head, self._episodes.starts)
         document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
         self._log("overview", document)
 
@@ -209,7 +308,7 @@ class SceneWriter:
         frames, self._waiting = self._waiting, []
         samples = [frame.sample for frame in frames]
         indexes = [
-            rr.TimeColumn("time", duration=[sample.time for sample in samples]),
+            rr.TimeColumn("time", duration=[frame.time for frame in frames]),
             rr.TimeColumn("frame", sequence=range(self.frames - len(frames), self.frames)),
         ]
 
@@ -217,58 +316,84 @@ class SceneWriter:
             path = f"{self._root}/{entity}"
             self._output.send_columns(path, indexes=indexes, columns=columns)
 
-        self._send_poses(samples, send)
+        self._send_poses(frames, send)
         self._send_surfaces(frames, send)
         self._send_lines(frames, send)
-        self._send_forces(samples, send)
+        self._send_forces(frames, send)
         self._send_series(samples, send)
 
-    def _send_poses(self, samples: list[Sample], send: Send) -> None:
-        for i, name in enumerate(self.scene.buoyancy.body_names):
-            pose = rr.Transform3D.columns(
-                translation=[s.positions[i] for s in samples],
-                quaternion=np.roll([s.quaternions[i] for s in samples], -1, axis=1),
-            )
-            send(f"world/bodies/{path_part(name)}", pose)
-        level = self.scene.buoyancy.sea.level_at
-        focus = [[*s.centres[:, :2].mean(axis=0), float(level(s.time))] for s in samples]
+    def _send_poses(self, frames: list[Frame], send: Send) -> None:
+        """Send the poses of the bodies, and the places of the camera and the horizon."""
+        positions = np.stack([f.positions for f in frames], axis=1)
+        quaternions = np.roll([f.quaternions for f in frames], -1, axis=2)
+        for i, body in enumerate(self._artist.moving):
+            pose = rr.Transform3D.columns(translation=positions[i], quaternion=quaternions[:, i])
+            send(self._body(body), pose)
+        focus = np.array([f.focus for f in frames])
         send("world/focus", rr.Transform3D.columns(translation=focus))
+        level = self.scene.buoyancy.sea.level_at([f.sample.time for f in frames])
+        middle = np.column_stack([focus[:, :2], level])
+        send("world/horizon", rr.Transform3D.columns(translation=middle))
 
     def _send_surfaces(self, frames: list[Frame], send: Send) -> None:
         """Send the water and the colours of the hulls."""
         water = rr.Mesh3D.columns(
-            vertex_positions=np.concatenate([f.particles for f in frames]),
-            vertex_colors=WATER_PALETTE[np.concatenate([f.heights for f in frames])],
+            vertex_positions=np.concatenate([f.water.points for f in frames]),
+            vertex_colors=np.concatenate([f.water.colours for f in frames]),
         )
-        send("world/water", water.partition([f.particles.shape[0] for f in frames]))
+        send("world/water", water.partition([len(f.water.points) for f in frames]))
         if not self._artist.is_shaded:
             return
         wetness = np.stack([f.wetness for f in frames if f.wetness is not None])
         for mesh, shades in zip(self._artist.meshes, self._palettes, strict=True):
+            if not mesh.is_drawn:
+                continue
             of_corners = np.take(wetness, mesh.vertices.start + mesh.corner_vertices, axis=1)
             shade = rr.Mesh3D.columns(vertex_colors=np.take(shades, of_corners).ravel())
             send(self._entity(mesh), shade.partition([len(mesh.corners)] * len(frames)))
 
     def _send_lines(self, frames: list[Frame], send: Send) -> None:
         lines = {"waterline": [f.curves for f in frames], "trail": [f.trail for f in frames]}
+        for i, name in enumerate(self._artist.tendons.values()):
+            lines[f"tendons/{path_part(name)}"] = [f.tendons[i] for f in frames]
         for name, strips in lines.items():
             columns = rr.LineStrips3D.columns(strips=[line for frame in strips for line in frame])
             if name == "waterline" or any(strips):
                 send(f"world/{name}", columns.partition([len(frame) for frame in strips]))
 
-    def _send_forces(self, samples: list[Sample], send: Send) -> None:
-        """Send the arrows at the centres of mass; the weight's vectors never change."""
+    def _send_forces(self, frames: list[Frame], send: Send) -> None:
+        """Send the arrows of forces; the weight's vectors never change."""
+        samples = [f.sample for f in frames]
+        centres = [s.centres for s in samples]
         sizes = [len(s.centres) for s in samples]
-        origins = np.concatenate([s.centres for s in samples]).astype(np.float32)
-        wrenches = {
-            "buoyancy": [s.body_wrenches for s in samples],
-            "drag": [s.drag_wrenches for s in samples],
+        arrows = {
+            "buoyancy": ([s.body_wrenches for s in samples], [f.upward for f in frames]),
+            "drag": ([s.drag_wrenches for s in samples], centres),
         }
-        for name, wrench in wrenches.items():
+        for name, (wrench, origins) in arrows.items():
             vectors = np.stack(wrench)[:, :, :3] * self._metres_per_newton
-            arrows = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), origins=origins)
-            send(f"world/forces/{name}", arrows.partition(sizes))
-        send("world/forces/weight", rr.Arrows3D.columns(origins=origins).partition(sizes))
+            columns = rr.Arrows3D.columns(
+                vectors=vectors.reshape(-1, 3), origins=np.concatenate(origins)
+            )
+            send(f"world/forces/{name}", columns.partition(sizes))
+        columns = rr.Arrows3D.columns(origins=np.concatenate(centres))
+        send("world/forces/weight", columns.partition(sizes))
+        self._send_contacts(frames, send)
+
+    def _send_contacts(self, frames: list[Frame], send: Send) -> None:
+        """Send the arrows of contacts, of which very large ones are shortened."""
+        counts = [len(f.contacts[0]) for f in frames]
+        if not (any(counts) or self._had_contacts):
+            return
+        self._had_contacts = any(counts)
+        origins = np.concatenate([f.contacts[0] for f in frames])
+        forces = np.concatenate([f.contacts[1] for f in frames])
+        vectors = forces * self._metres_per_newton.max()
+        longest = CONTACT_ARROW * self._artist.framing.distance
+        lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+        vectors *= np.minimum(1.0, longest / np.maximum(lengths, longest))
+        arrows = rr.Arrows3D.columns(vectors=vectors, origins=origins)
+        send("world/contacts", arrows.partition(counts))
 
     def _send_series(self, samples: list[Sample], send: Send) -> None:
         sea = self.scene.buoyancy.sea
@@ -293,16 +418,25 @@ class SceneWriter:
                 rows = rr.Scalars.columns(scalars=of_bodies[MOST_PLOTTED:].T.ravel())
                 sizes = [len(self._others)] * len(samples)
                 send(OTHER_SERIES[quantity], rows.partition(sizes))
+                envelope = of_bodies.max(axis=0), of_bodies.mean(axis=0), of_bodies.min(axis=0)
+                rows = rr.Scalars.columns(scalars=np.stack(envelope, axis=1).ravel())
+                send(ENVELOPE_SERIES[quantity], rows.partition([3] * len(samples)))
+
+
+def _transform(position: Array, quaternion: Array) -> rr.Transform3D:
+    """A pose with a quaternion (w, x, y, z); Rerun puts w last."""
+    return rr.Transform3D(translation=position, quaternion=np.roll(quaternion, -1).tolist())
 
 
 class Recording:
     """Scene writers and their output; a context manager that closes the output.
 
-    seconds: wall time [s] of logging so far.
+    seconds: wall time [s] of logging so far. stream: Rerun's stream, for data of your own.
     """
 
     def __init__(self, output: Output, writers: Sequence[SceneWriter]) -> None:
         self._output, self._writers = output, writers
+        self.stream = output.stream
         self.seconds = 0.0
 
     def __enter__(self) -> Self:
@@ -368,7 +502,8 @@ class Recorder(Recording):
             raise ValueError(f"the recording rate is {rate}; it must be finite and above 0")
         artist = Artist(scene, DisplayMeshes(scene.buoyancy), water_size, water_resolution, colour)
         self.path = None if path is None else Path(path)
-        output = Output(self.path, scene.name, blueprint(scene), view, port)
+        arrangement = blueprint(scene, artist.framing.distance)
+        output = Output(self.path, scene.name, arrangement, view, port)
         longest_wait = LONGEST_VIEWER_WAIT if view else LONGEST_WAIT
         super().__init__(output, [SceneWriter(scene, output, artist, "", rate, longest_wait)])
 
