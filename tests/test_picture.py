@@ -23,7 +23,8 @@ ROBOT = f"""
   </custom>
   <asset>
     <texture name="checker" type="2d" builtin="checker" width="8" height="8" rgb1="1 0 0"/>
-    <texture name="cube" type="cube" builtin="flat" width="8" height="8" rgb1="0 .5 1"/>
+    <texture name="cube" type="cube" builtin="flat" width="8" height="8"
+      rgb1="0 .5 1" rgb2="0 .5 1"/>
     <material name="tiles" texture="checker" texrepeat="2 3"/>
     <material name="paint" texture="cube"/>
     <material name="steel" rgba="0.2 0.4 0.6 1"/>
@@ -163,7 +164,9 @@ def test_the_bodies_fill_about_a_third_of_the_view_and_stay_in_it(name):
 
 
 def test_the_camera_follows_a_body_that_sinks():
-    stone = '<body name="s" pos="0 0 -9"><freejoint/><geom name="s" size="0.1" density="3000"/></body>'
+    stone = (
+        '<body name="s" pos="0 0 -9"><freejoint/><geom name="s" size="0.1" density="3000"/></body>'
+    )
     scene = afloat(stone, ("s",))
     framing = drawn(scene).framing
     sunk = framing.focus(scene.data.xipos[scene.buoyancy.bodies], 0.0)
@@ -192,7 +195,9 @@ def test_episodes_are_apart(tmp_path):
     episode = np.linspace(0.0, 0.5, 6)
     expected = np.concatenate([episode, 0.5 + EPISODE_GAP + episode])
     np.testing.assert_allclose(times, expected, atol=1e-6)
-    assert "episodes start at 0.00, 1.00 s" in str(read(path, "overview", "TextDocument:text")[1][-1])
+    assert "episodes start at 0.00, 1.00 s" in str(
+        read(path, "overview", "TextDocument:text")[1][-1]
+    )
     cleared, _ = read(path, "plots", "Clear:is_recursive")
     assert cleared == pytest.approx([0.5 + 0.5 * EPISODE_GAP])
 
@@ -225,3 +230,30 @@ def test_numbers_are_finite_for_bodies_that_are_dry_and_sunk(tmp_path):
         frame = artist.frame(sample, sample.time)
         for array in (frame.water.points, frame.upward, frame.focus, *frame.curves):
             assert np.isfinite(array).all()
+
+
+def test_a_notebook_shows_a_complete_recording(tmp_path, monkeypatch):
+    """The viewer of a cell gets the blueprint and all data of the file."""
+    shown, path = [], tmp_path / "a.rrd"
+
+    class Viewer:
+        def __init__(self, recording, blueprint, **size):
+            recording.set_sinks(rr.FileSink(tmp_path / "cell.rrd"), default_blueprint=blueprint)
+            shown.append(recording)
+
+        def display(self) -> None:
+            pass
+
+    monkeypatch.setattr("rerun.notebook.Viewer", Viewer)
+    scene = afloat()
+    with Recorder(path, scene, water_resolution=2) as recorder:
+        for sample in simulate(scene, 0.2):
+            recorder.log(sample)
+        with pytest.raises(ValueError, match="not complete: show it after its 'with' block"):
+            recorder._ipython_display_()
+    recorder._ipython_display_()
+    shown.pop().disconnect()
+    times, heights = read_series(path)["height/cube"]
+    np.testing.assert_array_equal(
+        read_series(tmp_path / "cell.rrd")["height/cube"], [times, heights]
+    )

@@ -31,7 +31,8 @@ def path_part(name: str) -> str:
 
 
 class Output:
-    """An .rrd file, a viewer, or both, for logged data. stream: Rerun's stream of it.
+    """An .rrd file, a viewer, or both, for logged data. stream: Rerun's stream of it. blueprint:
+    the arrangement of its views.
 
     Missing folders are made. Raises OSError if the file cannot be written, is written by another
     run, or is removed, and if no viewer can be opened; ValueError if Rerun is switched off. An
@@ -57,7 +58,7 @@ class Output:
                 f"the environment variable RERUN is '{switch}', so Rerun would write an empty "
                 "recording; unset it, or make no recording"
             )
-        self.is_open = True
+        self.is_open, self.blueprint = True, blueprint
         self._path, self._file, self._flushed = path, None, 0
         self.stream = stream = rr.RecordingStream("waterline")
         stream.set_log_time_enabled(False)

@@ -159,21 +159,22 @@ def _smoothed(vertices: Array, faces: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _asset(model: mujoco.MjModel, mesh: int) -> dict[str, Any]:
-    """The surface of a mesh asset, with MuJoCo's normals and texture coordinates."""
-    first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    """The surface of a mesh asset, with its texture coordinates if it has any."""
+    first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+    start, vertices = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     faces, texcoords = slice(first, first + count), int(model.mesh_texcoordadr[mesh])
-    of_texture = model.mesh_facetexcoord if texcoords >= 0 else np.zeros_like(model.mesh_face)
-    of_faces = model.mesh_face, model.mesh_facenormal, of_texture
-    keys = np.stack([indices[faces] for indices in of_faces], axis=-1).reshape(-1, 3)
-    corners, number = np.unique(keys, axis=0, return_inverse=True)
-    surface = dict(
-        vertex_positions=model.mesh_vert[corners[:, 0] + model.mesh_vertadr[mesh]],
-        vertex_normals=model.mesh_normal[corners[:, 1] + model.mesh_normaladr[mesh]],
+    points = model.mesh_vert[start : start + vertices].astype(float)
+    surface = _smoothed(points, model.mesh_face[faces].astype(np.int64))
+    if texcoords < 0:
+        return surface
+    keys = np.stack([surface["triangle_indices"], model.mesh_facetexcoord[faces]], axis=-1)
+    corners, number = np.unique(keys.reshape(-1, 2), axis=0, return_inverse=True)
+    return dict(
+        vertex_positions=surface["vertex_positions"][corners[:, 0]],
+        vertex_normals=surface["vertex_normals"][corners[:, 0]],
         triangle_indices=number.reshape(-1, 3),
+        vertex_texcoords=model.mesh_texcoord[corners[:, 1] + texcoords],
     )
-    if texcoords >= 0:
-        surface["vertex_texcoords"] = model.mesh_texcoord[corners[:, 2] + texcoords]
-    return surface
 
 
 def _plane(model: mujoco.MjModel, size: Array, material: int, reach: float) -> dict[str, Any]:

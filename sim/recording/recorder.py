@@ -32,6 +32,7 @@ from typing import Any, Self
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from rerun import notebook
 
 from sim.mjcf.floats import body_label
 from sim.recording.colours import palette, rounded, told_apart
@@ -58,6 +59,7 @@ from sim.recording.look import (
     overview,
 )
 from sim.recording.output import VIEWER_PORT, Output, path_part
+from sim.recording.reader import reader
 from sim.recording.sea_surface import WATER_OPACITY
 from sim.runs.motions import motion
 from sim.runs.simulation import Sample, Tally, observe
@@ -191,11 +193,11 @@ class SceneWriter:
 
     def _begin(self, sample: Sample) -> None:
         """Begin an episode with a sample. The plotted lines have a gap before it."""
-        self._send()
         self._due = sample.time
         self._start = sample.positions[:, 0].copy()
         self._artist.forget()
         if self._episodes.starts:
+            self._send()
             end = self._episodes.time + 0.5 * EPISODE_GAP
             index = rr.TimeColumn("time", duration=[end])
             for entity in ("plots", "others", "envelope"):
@@ -431,8 +433,11 @@ def _transform(position: Array, quaternion: Array) -> rr.Transform3D:
 class Recording:
     """Scene writers and their output; a context manager that closes the output.
 
-    seconds: wall time [s] of logging so far. stream: Rerun's stream, for data of your own.
+    path: of the file, or None. seconds: wall time [s] of logging so far. stream: Rerun's stream,
+    for data of your own.
     """
+
+    path: Path | None
 
     def __init__(self, output: Output, writers: Sequence[SceneWriter]) -> None:
         self._output, self._writers = output, writers
@@ -461,6 +466,22 @@ class Recording:
         self._output.close()
         self.seconds += perf_counter() - started
 
+    def _ipython_display_(self) -> None:
+        """Show the recorded file in a notebook, which needs the extra `notebook`. Raises ValueError
+        if there is no file yet."""
+        if self._output.is_open or self.path is None:
+            raise ValueError(
+                "the recording is not complete: show it after its 'with' block, or after close(); "
+                "it must be a file"
+            )
+        stream = rr.RecordingStream("waterline")
+        viewer = notebook.Viewer(
+            recording=stream, blueprint=self._output.blueprint, width="auto", height="auto"
+        )
+        viewer.display()
+        with reader(self.path) as recording:
+            rr.send_chunks(recording.stream(), recording=stream)
+
     def _log(self, samples: Sequence[Sample]) -> None:
         started = perf_counter()
         for writer, sample in zip(self._writers, samples, strict=True):
@@ -477,10 +498,10 @@ class Recorder(Recording):
                 recorder.log(sample)
 
     path: of the file, or None. rate: the largest number of frames per simulated second [Hz], None
-    for one per sample. water_size [m]: side of the water's square, None to fit the bodies.
-    water_resolution: vertices along that side. view: whether to show the run in a viewer, which is
-    opened unless one listens on `port`. colour: the colouring of hulls, "wet" or "pressure".
-    frames, seconds: the number of frames so far, and the wall time [s] of logging.
+    for one per sample. water_size [m]: width of the water that moves, None to fit the bodies.
+    water_resolution: square root of about the number of its vertices. view: whether to show the run
+    in a viewer, which is opened unless one listens on `port`. colour: the colouring of hulls, "wet"
+    or "pressure". frames, seconds: the number of frames so far, and the wall time [s] of logging.
 
     The file is readable after the block ends, also by an exception. Missing folders are made.
     Raises OSError if the file cannot be written, now or later (data until a second before stays
