@@ -11,8 +11,8 @@ Array = NDArray[np.float64]
 EYE_DIRECTION = np.array([-0.50, -0.82, 0.29]) / np.linalg.norm([-0.50, -0.82, 0.29])
 """Direction of the eye from what it looks at."""
 
-VIEW_SHARE = 0.4
-"""Share of the view's width or height that the bodies fill at the start."""
+VIEW_SHARE = 0.44
+"""Share of the view's width or height within which the bodies are at the start."""
 
 VIEW_ASPECT = 1.8
 """Width of the view over its height."""
@@ -37,14 +37,18 @@ class Framing:
 
     def __init__(self, scene: Scene) -> None:
         corners = _corners(scene)
-        middle = scene.data.xipos[scene.buoyancy.bodies, :2].mean(axis=0)
-        self.reach = float(np.hypot(*(corners[:, :2] - middle).T).max())
+        middle = np.append(
+            scene.data.xipos[scene.buoyancy.bodies, :2].mean(axis=0),
+            0.5 * (corners[:, 2].min() + corners[:, 2].max()),
+        )
+        from_middle = corners - middle
+        self.reach = float(np.hypot(*from_middle[:, :2].T).max())
         right = np.cross([0.0, 0.0, 1.0], EYE_DIRECTION)
         right /= np.linalg.norm(right)
-        width = 2.0 * np.abs((corners[:, :2] - middle) @ right[:2]).max()
-        height = float(np.ptp(corners @ np.cross(EYE_DIRECTION, right)))
-        side = max(width / VIEW_ASPECT, height) / VIEW_SHARE
-        self.distance = float(side / (2.0 * np.tan(0.5 * VIEW_ANGLE)))
+        up = np.cross(EYE_DIRECTION, right)
+        across, along = np.abs(from_middle @ right) / VIEW_ASPECT, np.abs(from_middle @ up)
+        needed = np.maximum(across, along) / (VIEW_SHARE * np.tan(0.5 * VIEW_ANGLE))
+        self.distance = float((needed + from_middle @ EYE_DIRECTION).max())
 
     def focus(self, centres: Array, level: float) -> list[float]:
         """The point (3,) [m] at which the eye looks, for centres (B, 3) [m] of the bodies. It stays

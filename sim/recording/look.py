@@ -209,7 +209,7 @@ def _column(contents_of: Callable[[str], list[str]]) -> rrb.Vertical:
                     origin="/",
                     contents=contents_of(entity),
                     name=PLOTS[entity],
-                    plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
+                    plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
                 )
                 for entity in row
             ),

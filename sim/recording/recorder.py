@@ -35,33 +35,26 @@ from numpy.typing import NDArray
 from rerun import notebook
 
 from sim.mjcf.floats import body_label
-from sim.recording.colours import palette, rounded, told_apart
+from sim.recording.colours import palette, rounded
 from sim.recording.display_mesh import DisplayMesh, DisplayMeshes
+from sim.recording.episodes import EPISODE_GAP, Episodes
 from sim.recording.frame import WATER_RESOLUTION, Artist, Frame
 from sim.recording.look import (
     COLOURS,
     CONTACT_COLOUR,
-    ENVELOPE_COLOURS,
-    ENVELOPE_NAMES,
-    ENVELOPE_SERIES,
     FORCE_COLOURS,
     HEAD_PALETTE,
-    MOST_PLOTTED,
-    OTHER_SERIES,
-    SERIES,
     TINT_SHARE,
     TRAIL_COLOUR,
-    WATER_QUANTITIES,
-    WATER_SERIES_SHARE,
     WATERLINE_COLOUR,
     WET_TINT,
     blueprint,
     overview,
 )
 from sim.recording.output import VIEWER_PORT, Output, path_part
+from sim.recording.plots import Plots
 from sim.recording.reader import reader
 from sim.recording.sea_surface import WATER_OPACITY
-from sim.runs.motions import motion
 from sim.runs.simulation import Sample, Tally, observe
 from sim.scenes.scene import Scene
 
@@ -78,44 +71,12 @@ that counts, in cube roots of the volume that the body displaces."""
 CONTACT_ARROW = 0.12
 """Largest length of a contact's arrow, in distances of the eye."""
 
-EPISODE_GAP = 0.5
-"""Time [s] between the last sample of an episode and the first of the next."""
-
 BATCH_SECONDS = 1.0
 """Simulated time [s] that is sent at once, in columns. Single rows cost ten times as much."""
 
 LONGEST_WAIT, LONGEST_VIEWER_WAIT = 0.7, 0.05
 """Wall time [s] after which a shorter batch is sent, without and with a viewer. A killed run loses
 at most this time and a frame."""
-
-
-class Episodes:
-    """Times [s] of a recording. They go on after a gap when the time of the samples goes back.
-
-    starts: the recording's time at which each episode starts.
-    """
-
-    def __init__(self) -> None:
-        self.starts: list[float] = []
-        self._last, self._shift = np.inf, 0.0
-
-    @property
-    def time(self) -> float:
-        """The recording's time of the last sample."""
-        return self._last + self._shift
-
-    def is_new(self, time: float) -> bool:
-        """Whether an episode begins with a sample of a time."""
-        return time < self._last
-
-    def add(self, time: float) -> float:
-        """The recording's time of a sample of a time."""
-        if self.is_new(time):
-            if self.starts:
-                self._shift += self._last + EPISODE_GAP - time
-            self.starts.append(time + self._shift)
-        self._last = time
-        return time + self._shift
 
 
 class SceneWriter:
@@ -145,13 +106,8 @@ class SceneWriter:
         self._waiting: list[Frame] = []
         self._had_contacts = False
         self._tally = Tally(scene)
-        names = scene.buoyancy.body_names
-        self._plotted, self._others = names[:MOST_PLOTTED], names[MOST_PLOTTED:]
+        self._plots = Plots(scene, artist.meshes.of_bodies())
         self._weights = scene.model.body_mass[scene.buoyancy.bodies] * -scene.model.opt.gravity[2]
-        self._rest_heights = scene.rest_heights
-        self._start = scene.data.xpos[scene.buoyancy.bodies, 0].copy()
-        meshes = artist.meshes.of_bodies()
-        self._colours = told_apart([mesh.rgba[:3] for mesh in meshes[:MOST_PLOTTED]])
         self._palettes = [
             palette(mesh.rgba[:3], mesh.rgba[:3] + TINT_SHARE * (WET_TINT - mesh.rgba[:3]))
             if artist.largest_head is None
@@ -162,7 +118,8 @@ class SceneWriter:
         self._log_bodies()
         self._log_water()
         self._log_lines()
-        self._log_series()
+        for entity, line in self._plots.styles():
+            self._log(entity, line)
         self._log_overview()
         output.flush()
         artist.frame(observe(scene), 0.0)  # compiles before the run's time counts
@@ -194,7 +151,7 @@ class SceneWriter:
     def _begin(self, sample: Sample) -> None:
         """Begin an episode with a sample. The plotted lines have a gap before it."""
         self._due = sample.time
-        self._start = sample.positions[:, 0].copy()
+        self._plots.begin(sample)
         self._artist.forget()
         if self._episodes.starts:
             self._send()
@@ -269,23 +226,6 @@ class SceneWriter:
             )
             self._log(f"world/tendons/{path_part(name)}", line)
 
-    def _log_series(self) -> None:
-        """Log the names, colours and widths of all series."""
-        for quantity, path in SERIES.items():
-            for name, colour in zip(self._plotted, self._colours, strict=False):
-                label, width = name, 2.0
-                if quantity in WATER_QUANTITIES:
-                    colour, label, width = WATER_SERIES_SHARE * colour, f"water at {name}", 1.0
-                line = rr.SeriesLines(names=label, colors=[rounded(colour)], widths=[width])
-                self._log(path.format(path_part(name)), line)
-            if self._others:
-                self._log(OTHER_SERIES[quantity], rr.SeriesLines(names=self._others))
-                of_water = "water, " if quantity in WATER_QUANTITIES else ""
-                envelope = rr.SeriesLines(
-                    names=[of_water + name for name in ENVELOPE_NAMES], colors=ENVELOPE_COLOURS
-                )
-                self._log(ENVELOPE_SERIES[quantity], envelope)
-
     def _entity(self, mesh: DisplayMesh) -> str:
         return self._body(mesh.body, mesh.name)
 
@@ -322,7 +262,8 @@ class SceneWriter:
         self._send_surfaces(frames, send)
         self._send_lines(frames, send)
         self._send_forces(frames, send)
-        self._send_series(samples, send)
+        for entity, columns in self._plots.columns(samples):
+            send(entity, columns)
 
     def _send_poses(self, frames: list[Frame], send: Send) -> None:
         """Send the poses of the bodies, and the places of the camera and the horizon."""
@@ -396,33 +337,6 @@ class SceneWriter:
         vectors *= np.minimum(1.0, longest / np.maximum(lengths, longest))
         arrows = rr.Arrows3D.columns(vectors=vectors, origins=origins)
         send("world/contacts", arrows.partition(counts))
-
-    def _send_series(self, samples: list[Sample], send: Send) -> None:
-        sea = self.scene.buoyancy.sea
-        motions = [motion(s, sea, self._rest_heights) for s in samples]
-        values = {
-            "heave": [m.heave for m in motions],
-            "water_above_level": [m.water for m in motions],
-            "surge": [s.positions[:, 0] - self._start for s in samples],
-            "heel_deg": [m.heel_deg for m in motions],
-            "trim_deg": [m.trim_deg for m in motions],
-            "height": [s.centres[:, 2] for s in samples],
-            "water_height": [s.elevations for s in samples],
-            "tilt_deg": [np.degrees(s.tilts) for s in samples],
-            "submerged_fraction": [s.submerged_fractions for s in samples],
-            "vertical_force": [s.body_wrenches[:, 2] / self._weights for s in samples],
-        }
-        for quantity, path in SERIES.items():
-            of_bodies = np.stack(values[quantity], axis=1)
-            for name, series in zip(self._plotted, of_bodies, strict=False):
-                send(path.format(path_part(name)), rr.Scalars.columns(scalars=series))
-            if self._others:
-                rows = rr.Scalars.columns(scalars=of_bodies[MOST_PLOTTED:].T.ravel())
-                sizes = [len(self._others)] * len(samples)
-                send(OTHER_SERIES[quantity], rows.partition(sizes))
-                envelope = of_bodies.max(axis=0), of_bodies.mean(axis=0), of_bodies.min(axis=0)
-                rows = rr.Scalars.columns(scalars=np.stack(envelope, axis=1).ravel())
-                send(ENVELOPE_SERIES[quantity], rows.partition([3] * len(samples)))
 
 
 def _transform(position: Array, quaternion: Array) -> rr.Transform3D:

@@ -9,10 +9,11 @@ import rerun as rr
 
 from sim.recording.colours import HUE_STEP
 from sim.recording.display_mesh import DisplayMeshes
+from sim.recording.episodes import Episodes
 from sim.recording.frame import WATER_RESOLUTION, Artist
 from sim.recording.look import DIFFERENCES, MOST_PLOTTED, SERIES, side_by_side_blueprint
 from sim.recording.output import Output, path_part
-from sim.recording.recorder import BATCH_SECONDS, Episodes, Recording, SceneWriter
+from sim.recording.recorder import BATCH_SECONDS, Recording, SceneWriter
 from sim.runs.simulation import Sample
 from sim.scenes.scene import Scene
 
