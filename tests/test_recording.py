@@ -188,7 +188,7 @@ def test_the_waterline_lies_on_the_sea_and_on_the_hulls(run):
     _, frames = read(path, "world/waterline", "LineStrips3D:strips", arrays)
     _, (radius,) = read(path, "world/waterline", "LineStrips3D:radii", np.max)
     assert len(frames) == len(samples)
-    b, around_the_cube = scene.buoyancy.body_names.index("cube"), 0
+    b, above, beside = scene.buoyancy.body_names.index("cube"), [], []
     for strips, sample in zip(frames, samples, strict=True):
         for strip in strips:
             x, y, z = strip.astype(float).T
@@ -196,12 +196,13 @@ def test_the_waterline_lies_on_the_sea_and_on_the_hulls(run):
             from_cube = strip - sample.positions[b]
             if np.linalg.norm(from_cube, axis=1).max() < 1.0:  # the others are 2 m away
                 in_cube = from_cube @ rotation_matrix(sample.quaternions[b])
-                heights = scene.buoyancy.sea.elevation(x, y, sample.time)
-                np.testing.assert_allclose(z - heights, radius, atol=radius)
-                beside = np.abs(in_cube).max(axis=1) - 0.5
-                np.testing.assert_allclose(beside, radius, atol=radius)
-                around_the_cube += len(strip)
-    assert around_the_cube > 40 * 30  # four sides of about 10 points in half of the frames
+                above.append(z - scene.buoyancy.sea.elevation(x, y, sample.time))
+                beside.append(np.abs(in_cube).max(axis=1) - 0.5)
+    for gaps in (np.concatenate(above), np.concatenate(beside)):
+        assert len(gaps) > 40 * 30  # four sides of about 10 points in half of the frames
+        assert gaps.min() > -1e-3
+        assert gaps.max() < radius + 1e-3
+        assert np.median(np.abs(gaps - radius)) < 1e-3
 
 
 def test_wet_vertices_are_darker_than_dry_ones(run):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim.recording.colours import shades
 from sim.recording.display_mesh import DisplayMeshes
-from sim.recording.framing import WATER_SHARE, Framing
+from sim.recording.framing import Framing
 from sim.recording.look import COLOURS, MOST_PLOTTED
 from sim.recording.parts import GROUND_REACH, contact_forces, parts_of, shown_tendons, tendon_points
 from sim.recording.sea_surface import SeaSurface, Water
@@ -23,8 +23,8 @@ WATER_RESOLUTION, MOST_RESOLUTION = 48, 1000
 """Default and largest square root of the number of the water's vertices. A frame takes 16 bytes for
 each of them."""
 
-WATER_IN_REACHES = 12.0
-"""Radius of the moving water, in radii of the bodies."""
+WATER_GROWTH = 12.0
+"""Radius of the moving water over that of its fine middle."""
 
 MOST_SHADED_VERTICES = 20_000
 """Largest number of vertices of all hulls for which wet surfaces are darker. Their colours take 4
@@ -97,8 +97,8 @@ class Artist:
         self._scene, self._sea = scene, scene.buoyancy.sea
         self.framing = Framing(scene)
         self.line_radius = LINE_RADIUS * self.framing.distance
-        inner = WATER_SHARE * self.framing.reach
-        radius = WATER_IN_REACHES * inner if water_size is None else 0.5 * water_size
+        inner = self.framing.water
+        radius = WATER_GROWTH * inner if water_size is None else 0.5 * water_size
         self.surface = SeaSurface(self._sea, min(inner, 0.5 * radius), radius, water_resolution)
         hulls = {g for f in scene.buoyancy.floats for g in f.geoms}
         self.parts = list(parts_of(scene.model, hulls, GROUND_REACH * radius, self._sea.level))

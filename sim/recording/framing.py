@@ -24,15 +24,15 @@ SLACK = 0.12
 """Distance from the level to which bodies rise or sink before the camera follows, in distances of
 the eye. Waves move the bodies in the picture, and a sinking body stays in it."""
 
-WATER_SHARE = 1.25
-"""Radius of the fine water over that of the bodies."""
+WATER_IN_REACHES, WATER_IN_DISTANCES = 1.25, 0.22
+"""Smallest radius of the fine water, over that of the bodies and over the distance of the eye."""
 
 
 class Framing:
     """Where the bodies of a scene are at the start.
 
-    distance [m]: of the eye from what it looks at. reach [m]: largest horizontal distance of a
-    drawn body from the mean of the floating bodies' centres.
+    distance [m]: of the eye from what it looks at. water [m]: radius of the fine water around the
+    mean of the floating bodies' centres.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -42,13 +42,14 @@ class Framing:
             0.5 * (corners[:, 2].min() + corners[:, 2].max()),
         )
         from_middle = corners - middle
-        self.reach = float(np.hypot(*from_middle[:, :2].T).max())
+        reach = float(np.hypot(*from_middle[:, :2].T).max())
         right = np.cross([0.0, 0.0, 1.0], EYE_DIRECTION)
         right /= np.linalg.norm(right)
         up = np.cross(EYE_DIRECTION, right)
         across, along = np.abs(from_middle @ right) / VIEW_ASPECT, np.abs(from_middle @ up)
         needed = np.maximum(across, along) / (VIEW_SHARE * np.tan(0.5 * VIEW_ANGLE))
         self.distance = float((needed + from_middle @ EYE_DIRECTION).max())
+        self.water = max(WATER_IN_REACHES * reach, WATER_IN_DISTANCES * self.distance)
 
     def focus(self, centres: Array, level: float) -> list[float]:
         """The point (3,) [m] at which the eye looks, for centres (B, 3) [m] of the bodies. It stays

@@ -66,7 +66,8 @@ ARROW_RADIUS = 0.022
 
 ARROW_IN_HULLS, WIDEST_ARROW = 0.75, 1.8
 """Length of the weight's arrow, in diagonals of the body's largest hull, and the largest diagonal
-that counts, in cube roots of the volume that the body displaces."""
+that counts, in cube roots of the volume that the body displaces, unless the hull is taller. Arrows
+then end outside hulls."""
 
 CONTACT_ARROW = 0.12
 """Largest length of a contact's arrow, in distances of the eye."""
@@ -205,7 +206,10 @@ class SceneWriter:
         sizes = np.array([mesh.size for mesh in artist.meshes.of_bodies()])
         density = self.scene.buoyancy.sea.density
         displaced = self._weights / (density * -model.opt.gravity[2])
-        lengths = ARROW_IN_HULLS * np.minimum(sizes, WIDEST_ARROW * np.cbrt(displaced))
+        points, _ = artist.meshes.placed(observe(self.scene))
+        tall = [np.ptp(points[mesh.vertices, 2]) for mesh in artist.meshes.of_bodies()]
+        broad = np.maximum(tall, WIDEST_ARROW * np.cbrt(displaced))
+        lengths = ARROW_IN_HULLS * np.minimum(sizes, broad)
         self._metres_per_newton = (lengths / self._weights)[:, None]
         weight = self._weights[:, None] * [0.0, 0.0, -1.0]
         for name, colour in FORCE_COLOURS.items():

@@ -22,7 +22,7 @@ Indices = NDArray[np.int64]
 INNER_RINGS, OUTER_RINGS = 0.29, 0.42
 """Numbers of rings over the resolution. The vertices then number about the resolution squared."""
 
-COARSEST, FINEST = 2.5, 5.0
+COARSEST, FINEST = 3.0, 5.0
 """Cells in a wavelength: a wave is flat where there are fewer than the first number, and whole
 where there are more than the second."""
 
@@ -108,7 +108,7 @@ class SeaSurface:
         beyond = np.log(np.maximum(np.hypot(*self._offsets.T) / inner, 1.0)) / np.log(
             radius / inner
         )
-        haze = (HAZE_AT_EDGE * beyond**1.5).astype(np.float32)
+        haze = (HAZE_AT_EDGE * beyond**2.5).astype(np.float32)
         self._clear, self._haze = 1.0 - haze, haze * HORIZON_COLOUR[:, None].astype(np.float32)
 
     def at(self, middle: Array, time: float) -> Water:
