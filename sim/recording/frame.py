@@ -37,9 +37,9 @@ takes 12 bytes."""
 FEWEST_CURVE_POINTS = 12
 """Smallest number of points to which a waterline is thinned."""
 
-LINE_RADIUS = 0.0016
-"""Radius of the waterline over the distance of the eye: about 1.3 pixels of a view that is 900
-pixels high."""
+LINE_IN_DISTANCES, LINE_IN_HULLS = 0.0016, 0.012
+"""Largest radius of the waterline, over the distance of the eye (about 1.3 pixels of a view that is
+900 pixels high) and over the diagonal of the smallest hull."""
 
 TRAIL_SECONDS = 3.0
 """Length [s] of the trails."""
@@ -96,7 +96,8 @@ class Artist:
         self.is_shaded = meshes.vertex_count <= MOST_SHADED_VERTICES
         self._scene, self._sea = scene, scene.buoyancy.sea
         self.framing = Framing(scene)
-        self.line_radius = LINE_RADIUS * self.framing.distance
+        smallest = min(mesh.size for mesh in meshes)
+        self.line_radius = min(LINE_IN_DISTANCES * self.framing.distance, LINE_IN_HULLS * smallest)
         inner = self.framing.water
         radius = WATER_GROWTH * inner if water_size is None else 0.5 * water_size
         self.surface = SeaSurface(self._sea, min(inner, 0.5 * radius), radius, water_resolution)
