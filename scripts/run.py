@@ -108,7 +108,10 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         "--record-rate", type=positive, metavar="HZ", help="recorded samples per second (all)"
     )
     parser.add_argument(
-        "--water-size", type=positive, metavar="M", help="side of the drawn square of water"
+        "--water-size",
+        type=positive,
+        metavar="M",
+        help="width of the water that moves in the recording",
     )
     parser.add_argument(
         "--water-resolution",

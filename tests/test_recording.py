@@ -13,16 +13,17 @@ from rerun.chunk import RrdReader
 from scenes import CUBE, WAVES, afloat, model
 
 from independent import MODELS, ROUND_OFF
-from sim import Recorder, Scene, Tally, hydrostatics, read_series, simulate
+from sim import Recorder, Scene, Sea, Tally, Wave, hydrostatics, read_series, simulate
 from sim.geometry import rotation_matrix
 from sim.methods import METHODS, Method
-from sim.recording.display_mesh import DisplayMeshes, shaded_corners, with_hue_shifted
-from sim.recording.frame import Artist, thinned
+from sim.recording.colours import HUE_STEP, with_hue_shifted
+from sim.recording.display_mesh import DisplayMeshes, shaded_corners
+from sim.recording.frame import WATER_RESOLUTION, Artist, thinned
 from sim.recording.look import side_by_side_blueprint
 from sim.recording.output import Output
 from sim.recording.recorder import SceneWriter
-from sim.recording.twins import HUE_STEP
-from sim.recording.waterline_curves import WATERLINE_ERROR
+from sim.recording.sea_surface import SeaSurface
+from sim.recording.waterline_curves import heads, waterlines
 from sim.runs.motions import motion
 from sim.runs.series import Series
 from viewer_process import end_viewer, start_viewer
@@ -124,46 +125,81 @@ def test_hulls_have_their_own_surface_and_outward_normals(run):
         np.testing.assert_allclose(np.ravel(translation), body.ipos, atol=FLOAT32)
 
 
-def test_the_drawn_water_consists_of_surface_particles(run):
-    """The drawn points are on the surface, around the bodies, and move with the water."""
+def test_the_drawn_water_is_the_surface_around_the_bodies_and_flat_at_its_edge(run):
     scene, samples, path = run
     _, frames = read(path, "world/water", "Mesh3D:vertex_positions")
+    _, horizons = read(path, "world/horizon", "Transform3D:translation")
     assert len(frames) == len(samples)
-    sea, moved = scene.buoyancy.sea, 0
-    for points, sample in zip(frames, samples, strict=True):
-        x, y, z = points.astype(float).T
+    sea, surface = scene.buoyancy.sea, drawn(Scene.load(MODELS / "trio.xml")).surface
+    for points, horizon, sample in zip(frames, horizons, samples, strict=True):
+        middle = sample.centres[:, :2].mean(axis=0)
+        distance = np.hypot(*(points[:, :2] - middle).T)
+        near = distance < surface.inner - sea.amplitude
+        x, y, z = points[near].astype(float).T
         np.testing.assert_allclose(z, sea.elevation(x, y, sample.time), atol=10 * FLOAT32)
-        low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-        assert (sample.centres[:, :2] > low + 1.0).all()
-        assert (sample.centres[:, :2] < high - 1.0).all()
-    for before, after, s, t in zip(frames, frames[1:], samples, samples[1:], strict=False):
-        step = (after - before) / (t.time - s.time)
-        if np.abs(step[:, :2]).max() < 2.0:  # otherwise the grid has moved by a cell
-            middle = 0.5 * (before + after)
-            velocity = sea.surface(*middle[:, :2].T, 0.5 * (s.time + t.time)).velocity
-            midpoint_rule = 0.02  # m/s, at 30 Hz
-            np.testing.assert_allclose(step, velocity, atol=midpoint_rule)
-            moved += 1
-    assert moved > 0.8 * len(samples)
+        assert np.hypot(*(sample.centres[:, :2] - middle).T).max() + 0.5 < surface.inner
+        edge = points[distance > 0.999 * surface.radius]
+        assert len(edge) > 60
+        np.testing.assert_allclose(edge[:, 2], 0.0, atol=FLOAT32)
+        np.testing.assert_allclose(np.ravel(horizon), [*middle, 0.0], atol=10 * FLOAT32)
 
 
-def test_the_waterline_is_on_the_sea_and_on_the_hulls(run):
+def drawn(scene: Scene) -> Artist:
+    """The artist of a recording of a scene."""
+    return Artist(scene, DisplayMeshes(scene.buoyancy), None, WATER_RESOLUTION)
+
+
+def test_the_sea_reaches_the_horizon_without_a_gap(run):
+    """The far sea begins where the water ends, and ends where the sky meets it."""
+    *_, path = run
+    _, (sea,) = read(path, "world/horizon/sea", "Mesh3D:vertex_positions")
+    _, (sky,) = read(path, "world/horizon/sky", "Mesh3D:vertex_positions")
+    surface, far = drawn(Scene.load(MODELS / "trio.xml")).surface, np.hypot(*sea[:, :2].T)
+    assert far.min() == pytest.approx(surface.radius, rel=FLOAT32)
+    assert far.max() == pytest.approx(np.linalg.norm(sky, axis=1).min(), rel=1e-5)
+    assert far.max() > 100.0 * surface.radius
+    np.testing.assert_array_equal(sea[:, 2], 0.0)
+
+
+def test_particles_that_are_pinched_are_foam_and_slopes_to_the_light_are_light():
+    sea = Sea([Wave(0.31, 2.0, 0.0, 0.0)])  # steepness 0.97
+    surface = SeaSurface(sea, 2.0, 8.0, 48)
+    water = surface.at(np.zeros(2), 0.0)
+    red, inside = water.colours >> 24, np.hypot(*water.points[:, :2].T) < 2.0
+    heights = water.points[inside, 2]
+    assert (red[inside][heights > 0.3] > 235).all()
+    assert (red[inside][heights < 0.2] < 200).all()
+    gentle = SeaSurface(Sea([Wave(0.05, 4.0, 0.0, 0.0)]), 2.0, 8.0, 48).at(np.zeros(2), 0.0)
+    inside = np.hypot(*gentle.points[:, :2].T) < 1.5
+    slope = Sea([Wave(0.05, 4.0, 0.0, 0.0)]).surface(*gentle.points[:, :2].T, 0.0).gradient[:, 0]
+    order = np.argsort(slope[inside])
+    red = (gentle.colours[inside] >> 24).astype(int)[order]
+    assert (np.diff(red) <= 1).all()  # the light is on the side of +x
+    assert red[0] > red[-1] + 15
+
+
+def test_the_waterline_lies_on_the_sea_and_on_the_hulls(run):
+    """It touches both from outside: its middle is its radius above the water and beside a side of
+    the cube."""
     scene, samples, path = run
     _, frames = read(path, "world/waterline", "LineStrips3D:strips", arrays)
+    _, (radius,) = read(path, "world/waterline", "LineStrips3D:radii", np.max)
     assert len(frames) == len(samples)
-    b, around_the_cube = scene.buoyancy.body_names.index("cube"), 0
+    b, above, beside = scene.buoyancy.body_names.index("cube"), [], []
     for strips, sample in zip(frames, samples, strict=True):
         for strip in strips:
             x, y, z = strip.astype(float).T
-            heights = scene.buoyancy.sea.elevation(x, y, sample.time)
-            np.testing.assert_allclose(z, heights, atol=WATERLINE_ERROR + 10 * FLOAT32)
             np.testing.assert_array_equal(strip[0], strip[-1])
             from_cube = strip - sample.positions[b]
             if np.linalg.norm(from_cube, axis=1).max() < 1.0:  # the others are 2 m away
                 in_cube = from_cube @ rotation_matrix(sample.quaternions[b])
-                np.testing.assert_allclose(np.abs(in_cube).max(axis=1), 0.5, atol=2 * FLOAT32)
-                around_the_cube += len(strip)
-    assert around_the_cube > 40 * 30  # four sides of about 10 points in half of the frames
+                above.append(z - scene.buoyancy.sea.elevation(x, y, sample.time))
+                beside.append(np.abs(in_cube).max(axis=1) - 0.5)
+    for gaps in (np.concatenate(above), np.concatenate(beside)):
+        assert len(gaps) > 40 * 30  # four sides of about 10 points in half of the frames
+        assert gaps.min() > -1e-3
+        assert gaps.max() < 1.5 * radius  # the sea slopes by up to 0.45
+        assert np.median(np.abs(gaps - radius)) < 1e-3
 
 
 def test_wet_vertices_are_darker_than_dry_ones(run):
@@ -182,12 +218,34 @@ def test_wet_vertices_are_darker_than_dry_ones(run):
         assert (red[head < -0.06] > 230).all()
 
 
+def test_the_drawn_water_meets_the_hull_where_the_sea_does():
+    """At the hull the drawn triangles are within 1 mm of the waterline's points, on the sea."""
+    scene = Scene.load(MODELS / "cube.xml")
+    artist = drawn(scene)
+    for sample in simulate(scene, 2.0, rate=2.0):
+        frame = artist.frame(sample, sample.time)
+        points, areas = artist.meshes.placed(sample)
+        depths = heads(scene.buoyancy.sea, points, sample.time)
+        surfaces = artist.meshes.faces, artist.meshes.across
+        curves = waterlines(scene.buoyancy.sea, sample.time, points, areas, *surfaces, depths)
+        for x, y, z in (point for curve in curves for point in curve):
+            a, b, c = np.moveaxis(frame.water.points[artist.surface.faces].astype(float), 1, 0)
+            (u, v), (p, q) = (b - a)[:, :2].T, (c - a)[:, :2].T
+            dx, dy = x - a[:, 0], y - a[:, 1]
+            s = (dx * q - dy * p) / (u * q - v * p)
+            t = (dy * u - dx * v) / (u * q - v * p)
+            (face,) = np.flatnonzero((s >= 0.0) & (t > 0.0) & (s + t <= 1.0))[:1]
+            height = a[face, 2] + s[face] * (b - a)[face, 2] + t[face] * (c - a)[face, 2]
+            assert abs(height - z) < 1e-3
+
+
 def test_the_camera_and_trails_follow_the_bodies(run):
     _, samples, path = run
     _, focus = read(path, "world/focus", "Transform3D:translation")
     for position, sample in zip(focus, samples, strict=True):
-        expected = [*sample.centres[:, :2].mean(axis=0), 0.0]
-        np.testing.assert_allclose(np.ravel(position), expected, atol=FLOAT32)
+        x, y, z = sample.centres.mean(axis=0)
+        np.testing.assert_allclose(np.ravel(position)[:2], [x, y], atol=FLOAT32)
+        assert 0.0 <= position.item(2) <= max(z, 0.0)  # they fall from 0.7 m
     _, trails = read(path, "world/trail", "LineStrips3D:strips", arrays)
     for i, trail in enumerate(trails):
         for body, strip in enumerate(trail):
@@ -217,17 +275,10 @@ def test_frames_have_the_recording_rate_and_water_its_size(tmp_path):
     times, frames = read(path, "world/water", "Mesh3D:vertex_positions")
     one_step = 0.002
     np.testing.assert_allclose(times, 7.0 + np.arange(11) / 10.0, atol=one_step)
-    sea, side = scene.buoyancy.sea, np.linspace(-2.0, 2.0, 9)
-    labels = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
-    for time, points in zip(times, frames, strict=True):
-        # The particles of a grid of labels, which moves by whole cells of half a metre.
-        low = np.round(2.0 * (points[:, :2].min(axis=0) + 2.0)) / 2.0
-        grids = [
-            sea.particles(labels + low + np.array([i, j]) / 2, time)
-            for i in (-1, 0, 1)
-            for j in (-1, 0, 1)
-        ]
-        assert min(np.abs(points - grid).max() for grid in grids) < 10 * FLOAT32
+    for points in frames:
+        assert 0.8 * 9**2 < len(points) < 1.4 * 9**2
+        middle = points.mean(axis=0)[:2]
+        assert np.hypot(*(points[:, :2] - middle).T).max() == pytest.approx(2.0, rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -235,12 +286,14 @@ def test_frames_have_the_recording_rate_and_water_its_size(tmp_path):
     [
         (dict(rate=0.0), "recording rate is 0.0"),
         (dict(water_size=np.nan), "size of the water is nan"),
-        (dict(water_resolution=1), "resolution is 1 vertices"),
+        (dict(water_resolution=1), "resolution is 1,"),
+        (dict(path=None), "would go nowhere: give the path of an .rrd file, or view=True"),
     ],
 )
 def test_impossible_numbers_are_refused(numbers, message, tmp_path):
+    options = {"path": tmp_path / "a.rrd"} | numbers
     with pytest.raises(ValueError, match=message):
-        Recorder(tmp_path / "a.rrd", Scene.load(MODELS / "cube.xml"), **numbers)
+        Recorder(scene=Scene.load(MODELS / "cube.xml"), **options)
     assert not list(tmp_path.iterdir())
 
 
@@ -279,6 +332,9 @@ def test_only_the_first_of_many_bodies_are_plotted_and_shading_stops_at_very_man
     )
     assert names[0].tolist() == [f"ball{i}" for i in range(6, count)]
     assert np.shape(rows) == (4, count - 6)
+    _, envelope = read(path, "envelope/height", "Scalars:scalars")
+    np.testing.assert_allclose(envelope, 0.0, atol=0.1)
+    assert (np.diff(envelope, axis=1) <= ROUND_OFF).all()
 
 
 class WholeVolume(Method):
@@ -420,7 +476,7 @@ def test_twins_of_grey_bodies_have_different_colours():
     assert apart.min() > 0.3
 
 
-def test_arrows_are_forces_at_the_centres_of_mass(run):
+def test_arrows_are_forces_and_buoyancy_starts_on_its_line_of_action(run):
     scene, samples, path = run
     _, buoyancy = read(path, "world/forces/buoyancy", "Arrows3D:vectors")
     _, (weight,) = read(path, "world/forces/weight", "Arrows3D:vectors")
@@ -428,7 +484,10 @@ def test_arrows_are_forces_at_the_centres_of_mass(run):
     weights = scene.model.body_mass[scene.buoyancy.bodies] * 9.81
     scale = -weight[:, 2] / weights
     for up, origin, sample in zip(buoyancy, origins, samples, strict=True):
-        np.testing.assert_allclose(origin, sample.centres, atol=FLOAT32)
+        force, torque = np.split(sample.body_wrenches, 2, axis=1)
+        turning = np.cross(origin - sample.centres, force)
+        about = np.linalg.norm(force, axis=1).max()
+        np.testing.assert_allclose(turning[:, :2], torque[:, :2], atol=10 * FLOAT32 * about)
         expected = sample.body_wrenches[:, :3] * scale[:, None]
         np.testing.assert_allclose(up, expected, atol=10 * FLOAT32)
 
@@ -462,8 +521,8 @@ def test_a_killed_run_loses_less_than_a_second(tmp_path, frame_seconds, most_los
     the last second of simulated time and of a clock that the test sets."""
     time = [100.0]
     scene, path, lost = Scene.load(MODELS / "cube.xml"), tmp_path / "cut.rrd", []
-    output = Output(path, "cut", side_by_side_blueprint({"cut": scene}))
     artist = Artist(scene, DisplayMeshes(scene.buoyancy), None, water_resolution=2)
+    output = Output(path, "cut", side_by_side_blueprint({"cut": scene}, 1.0))
     writer = SceneWriter(scene, output, artist, clock=lambda: time[0])
     for frame, sample in enumerate(simulate(scene, 1.4), start=1):
         time[0] += frame_seconds
@@ -547,8 +606,8 @@ def test_hulls_may_be_coloured_by_the_pressure(tmp_path):
     scene, path = Scene.load(MODELS / "cube.xml"), tmp_path / "p.rrd"
     artist = Artist(scene, DisplayMeshes(scene.buoyancy), None, 8, "pressure")
     *_, sample = simulate(scene, 3.0)
-    frame = artist.frame(sample)
-    points = artist.meshes.placed(sample)
+    frame = artist.frame(sample, sample.time)
+    points, _ = artist.meshes.placed(sample)
     heads = scene.buoyancy.sea.head(*points.T, sample.time)
     assert ((frame.wetness == 0) == (heads <= 0.0)).all()
     wet = heads > 0.0

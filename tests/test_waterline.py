@@ -6,7 +6,7 @@ import trimesh
 
 from independent import load_mesh, meshes, random_rotation, three_waves, volume_below
 from sim import Sea
-from sim.recording.display_mesh import refined
+from sim.recording.display_mesh import refined, vertex_areas
 from sim.recording.waterline_curves import WATERLINE_ERROR, faces_across, heads, waterlines
 
 ROUND_OFF = 1e-12
@@ -15,7 +15,8 @@ ROUND_OFF = 1e-12
 def curves(sea: Sea, mesh: trimesh.Trimesh, time: float = 0.0) -> list[np.ndarray]:
     vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
     depths = heads(sea, vertices, time)
-    return waterlines(sea, time, vertices, faces, faces_across(faces), depths)
+    areas = vertex_areas(vertices, faces)
+    return waterlines(sea, time, vertices, areas, faces, faces_across(faces), depths)
 
 
 def placed(mesh: trimesh.Trimesh, seed: int) -> trimesh.Trimesh:

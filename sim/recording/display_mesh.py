@@ -4,16 +4,17 @@ Long edges are halved so that a waterline can bend between them. Sharp edges get
 All hulls are in one set of arrays, so that a hundred hulls need few calls.
 """
 
-import colorsys
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.geometry import area_vectors, rotation_matrix, turned
 from sim.hulls.topology import edges_of
 from sim.mjcf.floats import FloatingGeom
+from sim.recording.colours import colour_of, is_shown, with_hue_shifted
 from sim.recording.waterline_curves import faces_across
 from sim.runs.simulation import Sample
 from sim.scenes.buoyancy import Buoyancy
@@ -29,24 +30,24 @@ SHARP_COSINE = float(np.cos(np.radians(30.0)))
 """Cosine of the largest angle between a face's normal and the mean normal at a smooth corner. A box
 has 45 degrees at its edges and 35 or more at its corners."""
 
-LEAST_SATURATION, LEAST_VALUE = 0.55, 0.75
-"""Saturation and value of colours whose hue is shifted, so that greys get a hue too."""
-
 
 @dataclass(frozen=True, eq=False)
 class DisplayMesh:
     """The drawn surface of a hull.
 
-    name: of its geom. geom, body: ids. rgba: (4,), 0 to 255. size [m]: diagonal of the hull's box.
-    edge [m]: the longest drawn edge. vertices: their slice of the vertices of all hulls. corners:
-    (N, 3) [m], in the geom's frame. corner_normals: (N, 3). corner_faces: (F, 3). corner_vertices:
-    (N,), the vertex at each corner, counted from 0 in this hull. A vertex on a sharp edge has
+    name: of its geom. geom, body: ids. is_drawn: whether its surface is drawn, and not only its
+    waterline, because other geoms show its body. rgba: (4,), 0 to 255. size [m]: diagonal of the
+    hull's box. edge [m]: the longest drawn edge. vertices: their slice of the vertices of all
+    hulls. corners: (N, 3) [m], in the geom's frame. corner_normals: (N, 3). corner_faces: (F, 3).
+    corner_vertices: (N,), the vertex at each corner, counted from 0 in this hull. A vertex on a
+    sharp edge has
     several corners.
     """
 
     name: str
     geom: int
     body: int
+    is_drawn: bool
     rgba: Array
     size: float
     edge: float
@@ -61,22 +62,28 @@ class DisplayMeshes:
     """The drawn surfaces of all hulls of a scene, in the order of `buoyancy.floats`.
 
     hue: shift of the colours, in turns of the colour circle. faces: (F, 3), indices into the
-    vertices (V, 3) of `placed`. across: (F, 3), the neighbours across their edges.
+    vertices (V, 3) of `placed`. across: (F, 3), the neighbours across their edges. hull_starts:
+    (H,), the first vertex of each hull. All surfaces have outward area vectors at their vertices, a
+    third of those of the faces around.
     """
 
     def __init__(self, buoyancy: Buoyancy, hue: float = 0.0) -> None:
         self._bodies = buoyancy.float_bodies
         self._meshes: list[DisplayMesh] = []
         self._in_body: list[Array] = []
+        self._areas_in_body: list[Array] = []
         faces, count = [], 0
         for f in buoyancy.floats:
             mesh, vertices, own_faces = _display_mesh(buoyancy, f, count, hue)
             geom = buoyancy.model.geom(f.geom)
             self._meshes.append(mesh)
-            self._in_body.append(vertices @ rotation_matrix(geom.quat).T + geom.pos)
+            to_body = rotation_matrix(geom.quat).T
+            self._in_body.append(vertices @ to_body + geom.pos)
+            self._areas_in_body.append(vertex_areas(vertices, own_faces) @ to_body)
             faces.append(own_faces + count)
             count = mesh.vertices.stop
         self.faces = np.concatenate(faces)
+        self.hull_starts = np.array([mesh.vertices.start for mesh in self._meshes])
         self.across = faces_across(self.faces)
         self.vertex_count = count
 
@@ -90,13 +97,15 @@ class DisplayMeshes:
             largest[mesh.body] = mesh
         return [largest[body] for body in sorted(largest)]
 
-    def placed(self, sample: Sample) -> Array:
-        """Vertices (V, 3) [m] of all hulls in world axes."""
-        rotations = rotation_matrix(sample.quaternions)
-        points = np.empty((self.vertex_count, 3))
-        for mesh, vertices, b in zip(self._meshes, self._in_body, self._bodies, strict=True):
-            points[mesh.vertices] = vertices @ rotations[b].T + sample.positions[b]
-        return points
+    def placed(self, sample: Sample) -> tuple[Array, Array]:
+        """Vertices (V, 3) [m] of all hulls and their area vectors (V, 3) [m^2] in world axes."""
+        rotations = np.swapaxes(rotation_matrix(sample.quaternions), 1, 2)
+        points, areas = np.empty((2, self.vertex_count, 3))
+        surfaces = zip(self._meshes, self._in_body, self._areas_in_body, self._bodies, strict=True)
+        for mesh, vertices, area, b in surfaces:
+            points[mesh.vertices] = vertices @ rotations[b] + sample.positions[b]
+            areas[mesh.vertices] = area @ rotations[b]
+        return points, areas
 
 
 def _display_mesh(
@@ -107,7 +116,8 @@ def _display_mesh(
     first: index of its first vertex among the vertices of all hulls. hue: shift of the colour's
     hue, as a share of the circle of hues.
     """
-    hull = geom.method.hull
+    model, hull = buoyancy.model, geom.method.hull
+    row = model.geom(geom.geom)
     edge = hull.length / EDGES_PER_LENGTH
     vertices, faces = refined(hull.vertices, hull.faces, edge)
     corner_vertices, corner_faces, normals = shaded_corners(vertices, faces)
@@ -115,7 +125,8 @@ def _display_mesh(
         name=geom.name,
         geom=geom.geom,
         body=geom.body,
-        rgba=255.0 * with_hue_shifted(buoyancy.model.geom(geom.geom).rgba, hue),
+        is_drawn=_is_drawn(model, geom),
+        rgba=255.0 * with_hue_shifted(colour_of(model, row.rgba, int(row.matid.item())), hue),
         size=float(np.linalg.norm(np.ptp(hull.bounds, axis=0))),
         edge=edge,
         vertices=slice(first, first + len(vertices)),
@@ -127,13 +138,14 @@ def _display_mesh(
     return mesh, vertices, faces
 
 
-def with_hue_shifted(rgba: Array, turns: float) -> Array:
-    """A colour (4,), 0 to 1, with its hue shifted by turns of the colour circle; itself for 0."""
-    if turns == 0.0:
-        return rgba
-    hue, saturation, value = colorsys.rgb_to_hsv(*rgba[:3].tolist())
-    saturation, value = max(saturation, LEAST_SATURATION), max(value, LEAST_VALUE)
-    return np.array([*colorsys.hsv_to_rgb(hue + turns, saturation, value), rgba[3]])
+def _is_drawn(model: mujoco.MjModel, geom: FloatingGeom) -> bool:
+    """Whether a hull's surface is drawn: if MuJoCo's viewer shows its geom, or else shows no geom
+    of its body."""
+    first = int(model.body_geomadr[geom.body])
+    of_body = range(first, first + int(model.body_geomnum[geom.body]))
+    return any(is_shown(model, g) for g in geom.geoms) or not any(
+        is_shown(model, g) for g in of_body
+    )
 
 
 def shaded_corners(vertices: Array, faces: Indices) -> tuple[Indices, Indices, Array]:
@@ -143,9 +155,7 @@ def shaded_corners(vertices: Array, faces: Indices) -> tuple[Indices, Indices, A
     A vertex has one corner with the mean normal of its faces, weighted by area. If the normal of a
     face is too far from the mean (SHARP_COSINE), the vertex has a corner for each of its faces.
     """
-    flat, smooth = area_vectors(vertices[faces]), np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(smooth, faces[:, corner], flat)
+    flat, smooth = area_vectors(vertices[faces]), vertex_areas(vertices, faces)
     smooth, flat = _unit(smooth)[faces], np.repeat(_unit(flat)[:, None], 3, axis=1)
     sharp_vertices = faces[np.einsum("fci,fci->fc", smooth, flat) < SHARP_COSINE]
     is_sharp = np.isin(faces, sharp_vertices)
@@ -154,6 +164,14 @@ def shaded_corners(vertices: Array, faces: Indices) -> tuple[Indices, Indices, A
     corners, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     normals = np.where(is_sharp[..., None], flat, smooth).reshape(-1, 3)[first]
     return corners[:, 0], number.reshape(-1, 3), normals
+
+
+def vertex_areas(vertices: Array, faces: Indices) -> Array:
+    """Outward area vectors (V, 3) [m^2] at the vertices of a surface: a third of the faces'."""
+    areas, thirds = np.zeros_like(vertices), area_vectors(vertices[faces]) / 3.0
+    for corner in range(3):
+        np.add.at(areas, faces[:, corner], thirds)
+    return areas
 
 
 def _unit(vectors: Array) -> Array:

@@ -1,41 +1,34 @@
 """Look: colours, views, plots and texts of a recording."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from sim.recording.colours import palette
+from sim.recording.framing import EYE_DIRECTION
 from sim.recording.output import path_part
+from sim.recording.sea_surface import HORIZON_COLOUR
 from sim.runs.tally import Tally
 from sim.scenes.scene import Scene
 from sim.water.words import sea_in_words
 
 Array = NDArray[np.float64]
 
-EYE_IN_HULLS, EYE_IN_SPREADS = 2.6, 0.9
-"""Distance of the eye from its target, as a sum of lengths of the largest hull and distances
-between the bodies."""
-
-LARGEST_SLENDERNESS = 3.2
-"""Largest apparent length of a hull, in cube roots of its volume. A whole slender hull would look
-like a line."""
-
-EYE_DIRECTION = np.array([-0.49, -0.78, 0.39])
-
 MOST_PLOTTED = 6
 """Largest number of bodies in the plots and the overview. The series of the other bodies are in the
 recording as rows of one entity, because separate entities take ten times the space. A scene with
 more bodies has no trails."""
 
-TROUGH_COLOUR, CREST_COLOUR = np.array([12.0, 50.0, 104.0]), np.array([122.0, 196.0, 228.0])
-WATER_OPACITY = 125
-SKY_COLOUR = (40, 56, 72)
 WET_TINT, TINT_SHARE = np.array([20.0, 70.0, 130.0]), 0.4
 """Colour that is mixed into the colour of a wet surface, and its share."""
 
-WATER_SERIES_COLOUR = np.array([90.0, 150.0, 200.0])
-WATERLINE_COLOUR = (255, 255, 255)
+WATER_SERIES_SHARE = 0.5
+"""Brightness of the plotted line of the water at a body, as a share of the body's line."""
+
+WATERLINE_COLOUR, TRAIL_COLOUR, CONTACT_COLOUR = (255, 255, 255), (150, 155, 160), (250, 110, 250)
+SKY_COLOUR = tuple(int(value) for value in HORIZON_COLOUR)
 FORCE_COLOURS = {"buoyancy": (80, 200, 120), "weight": (220, 80, 60), "drag": (240, 180, 60)}
 
 COLOURS = ("wet", "pressure")
@@ -60,16 +53,13 @@ PLOTS = {
 """Time series views: the name in entity paths and the title."""
 
 TABS = (("heave", "height", "surge"), ("tilt", "heel", "trim"), ("force", "submerged"))
-"""The plots in each row of tabs."""
+"""The plots in each row of the column."""
 
 DIFFERENCES = {
     "heave": "Heave minus the first [m]",
     "tilt": "Tilt minus the first [deg]",
 }
 """Plots of the differences between twins, whose curves would hide one another."""
-
-ROW_HEIGHTS = (1.0, 1.0, 1.0, 1.55)
-"""Relative heights of the three rows of plots and the overview below them."""
 
 SERIES = {
     "heave": "plots/heave/{}",
@@ -85,8 +75,6 @@ SERIES = {
 }
 """Entity path of each quantity of a plotted body."""
 
-PLOT_WITH_LEGEND = "tilt"
-
 WATER_QUANTITIES = ("water_above_level", "water_height")
 
 OTHER_SERIES = {
@@ -95,45 +83,27 @@ OTHER_SERIES = {
 }
 """Entity path of each quantity of all other bodies."""
 
-SHADES = 256
-"""Number of colours of a palette."""
+ENVELOPE_SERIES = {
+    quantity: path.replace("plots/", "envelope/").replace("/{}", "")
+    for quantity, path in SERIES.items()
+}
+"""Entity path of the largest, mean and smallest value of each quantity over all bodies, for scenes
+with more bodies than MOST_PLOTTED."""
 
-
-def rounded(colour: Array) -> NDArray[np.uint8]:
-    return np.round(colour).astype(np.uint8)
-
-
-def shades(values: Array) -> NDArray[np.uint8]:
-    """Indices into a palette of values from -1/2 to 1/2; other values are clipped."""
-    return np.clip(SHADES * (values + 0.5), 0.0, SHADES - 1.0).astype(np.uint8)
-
-
-def palette(first: Array, last: Array) -> NDArray[np.uint32]:
-    """SHADES opaque colours between two colours (3,), 0 to 255, in Rerun's format 0xRRGGBBAA."""
-    share = np.linspace(0.0, 1.0, SHADES)[:, None]
-    r, g, b = rounded(first + share * (last - first)).astype(np.uint32).T
-    return (r << 24) | (g << 16) | (b << 8) | 255
-
-
-WATER_PALETTE = palette(TROUGH_COLOUR, CREST_COLOUR)
+ENVELOPE_NAMES = ("largest", "mean", "smallest")
+ENVELOPE_COLOURS = ((120, 130, 140), (240, 200, 90), (120, 130, 140))
 
 HEAD_PALETTE = palette(LEAST_HEAD_COLOUR, LARGEST_HEAD_COLOUR)
 HEAD_PALETTE[0] = palette(DRY_COLOUR, DRY_COLOUR)[0]
 """Colours by pressure head over the largest head, and grey for dry surfaces."""
 
 
-def extent(scene: Scene, in_hulls: float, in_spreads: float) -> float:
-    """A length [m]: a sum of apparent lengths of the largest hull and distances between the bodies,
-    with these factors."""
-    hulls = [f.method.hull for f in scene.buoyancy.floats]
-    length = max(min(h.length, LARGEST_SLENDERNESS * np.cbrt(h.volume)) for h in hulls)
-    spread = np.ptp(scene.data.xipos[scene.buoyancy.bodies, :2], axis=0).max()
-    return float(in_hulls * length + in_spreads * spread)
-
-
-def overview(scene: Scene, tally: Tally, largest_head: float | None = None) -> str:
+def overview(
+    scene: Scene, tally: Tally, largest_head: float | None = None, starts: Sequence[float] = ()
+) -> str:
     """Scene, sea, hulls and settings as Markdown, with the means of the tally if it has samples,
-    and with the legend of pressure colours if there is a largest head [m]."""
+    with the legend of pressure colours if there is a largest head [m], and with the times [s] at
+    which episodes start if there are several."""
     floats, timestep = scene.buoyancy.floats, scene.model.opt.timestep
     lines = [
         f"**{scene.name}**, timestep {1e3 * timestep:g} ms, {sea_in_words(scene.buoyancy.sea)}"
@@ -149,6 +119,8 @@ def overview(scene: Scene, tally: Tally, largest_head: float | None = None) -> s
         lines.append(
             f"- colours: pressure head, from pale at 0 to dark red at {largest_head:.2g} m and more"
         )
+    if len(starts) > 1:
+        lines.append(f"- episodes start at {', '.join(f'{start:.2f}' for start in starts)} s")
     if tally.last is None:
         return "\n".join(lines)
     lines += ["", "| mean of | height m | tilt ° | submerged | force/weight |", "|--|--|--|--|--|"]
@@ -165,12 +137,13 @@ def overview(scene: Scene, tally: Tally, largest_head: float | None = None) -> s
     return "\n".join(lines)
 
 
-def _view(scene: Scene, name: str, root: str = "", abreast: int = 1) -> rrb.Spatial3DView:
-    """A view that moves with the bodies. abreast: the number of views side by side; the eye of a
-    narrow view is farther away."""
-    distance = np.sqrt(abreast) * extent(scene, EYE_IN_HULLS, EYE_IN_SPREADS)
+def _view(distance: float, name: str, root: str = "", abreast: int = 1) -> rrb.Spatial3DView:
+    """A view that moves with the bodies. distance [m]: of the eye. abreast: the number of views
+    side by side; the eye of a narrow view is farther away."""
     eye = rrb.EyeControls3D(
-        position=distance * EYE_DIRECTION, look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
+        position=abreast * distance * EYE_DIRECTION,
+        look_target=(0.0, 0.0, 0.0),
+        eye_up=(0.0, 0.0, 1.0),
     )
     return rrb.Spatial3DView(
         origin=f"{root}world/focus",
@@ -179,53 +152,60 @@ def _view(scene: Scene, name: str, root: str = "", abreast: int = 1) -> rrb.Spat
         eye_controls=eye,
         line_grid=False,
         background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=SKY_COLOUR),
+        overrides={f"{root}world/trail": rrb.EntityBehavior(visible=False)},
     )
 
 
-def _plot(entity: str, contents: list[str]) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin="/",
-        contents=contents,
-        name=PLOTS[entity],
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=entity == PLOT_WITH_LEGEND),
-    )
-
-
-def blueprint(scene: Scene) -> rrb.Blueprint:
-    names = [path_part(name) for name in scene.buoyancy.body_names[:MOST_PLOTTED]]
-    rows = _rows(lambda entity: [f"/plots/{entity}/{name}/**" for name in names])
-    text = rrb.TextDocumentView(origin="overview", name="Overview")
-    plots = rrb.Vertical(*rows, text, row_shares=ROW_HEIGHTS)
+def blueprint(scene: Scene, distance: float) -> rrb.Blueprint:
+    """The arrangement of a recording, with the eye at a distance [m]."""
+    names = [path_part(name) for name in scene.buoyancy.body_names]
+    if len(names) > MOST_PLOTTED:
+        plots = _column(lambda entity: [f"/envelope/{entity}/**"])
+    else:
+        plots = _column(lambda entity: [f"/plots/{entity}/{name}/**" for name in names])
     title = f"{scene.name}: waterline white, buoyancy green, weight red, drag orange"
-    return _arranged(_view(scene, title), plots, [2, 1])
+    text = rrb.TextDocumentView(origin="overview", name="Overview")
+    return _arranged(_view(distance, title), plots, text)
 
 
-def side_by_side_blueprint(scenes: Mapping[str, Scene]) -> rrb.Blueprint:
-    views = [
-        _view(scene, label, f"{path_part(label)}/", len(scenes)) for label, scene in scenes.items()
-    ]
-    rows = _rows(lambda entity: [f"/{path_part(label)}/plots/{entity}/**" for label in scenes])
+def side_by_side_blueprint(scenes: Mapping[str, Scene], distance: float) -> rrb.Blueprint:
+    """The arrangement of several simulations of a scene, with the eyes at a distance [m]."""
+    views = [_view(distance, label, f"{path_part(label)}/", len(scenes)) for label in scenes]
+    plots = _column(lambda entity: [f"/{path_part(label)}/plots/{entity}/**" for label in scenes])
     differences = [
         rrb.TimeSeriesView(origin="/", contents=[f"/difference/{entity}/**"], name=title)
         for entity, title in DIFFERENCES.items()
     ]
-    plots = rrb.Vertical(*rows, rrb.Tabs(*differences, active_tab=0))
-    return _arranged(rrb.Horizontal(*views), plots, [3, 1])
+    return _arranged(
+        rrb.Horizontal(*views, name="Views"),
+        plots,
+        rrb.Vertical(*differences, name="Differences"),
+    )
 
 
-def _rows(contents_of: Callable[[str], list[str]]) -> list[rrb.Tabs]:
-    """The rows of tabs with plots."""
-    return [
-        rrb.Tabs(*(_plot(entity, contents_of(entity)) for entity in row), active_tab=0)
+def _column(contents_of: Callable[[str], list[str]]) -> rrb.Vertical:
+    """One column of plots, with further plots in the tabs of each."""
+    rows = [
+        rrb.Tabs(
+            *(
+                rrb.TimeSeriesView(
+                    origin="/",
+                    contents=contents_of(entity),
+                    name=PLOTS[entity],
+                    plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
+                )
+                for entity in row
+            ),
+            active_tab=0,
+        )
         for row in TABS
     ]
+    return rrb.Vertical(*rows, name="Plots")
 
 
-def _arranged(
-    left: rrb.Spatial3DView | rrb.Horizontal, right: rrb.Vertical, shares: list[int]
-) -> rrb.Blueprint:
+def _arranged(*tabs: rrb.View | rrb.Container) -> rrb.Blueprint:
     return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=shares),
+        rrb.Tabs(*tabs, active_tab=0),
         rrb.TimePanel(timeline="time", state="collapsed"),
         collapse_panels=True,
     )

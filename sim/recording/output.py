@@ -30,7 +30,8 @@ def path_part(name: str) -> str:
 
 
 class Output:
-    """An .rrd file, a viewer, or both, for logged data.
+    """An .rrd file, a viewer, or both, for logged data. stream: Rerun's stream of it. blueprint:
+    the arrangement of its views.
 
     Missing folders are made. Raises OSError if the file cannot be written, is written by another
     run, or is removed, and if no viewer can be opened; ValueError if Rerun is switched off. An
@@ -46,16 +47,20 @@ class Output:
         view: bool = False,
         port: int = VIEWER_PORT,
     ) -> None:
+        if path is None and not view:
+            raise ValueError(
+                "the recording would go nowhere: give the path of an .rrd file, or view=True"
+            )
         switch = os.environ.get("RERUN", "")
         if switch.lower() in ("0", "false", "off"):
             raise ValueError(
                 f"the environment variable RERUN is '{switch}', so Rerun would write an empty "
                 "recording; unset it, or make no recording"
             )
-        self.is_open = True
+        self.is_open, self.blueprint = True, blueprint
         self._path, self._flushed = path, 0
         self._file: LockedFile | None = None
-        self._stream = stream = rr.RecordingStream(PROGRAM)
+        self.stream = stream = rr.RecordingStream(PROGRAM)
         stream.set_log_time_enabled(False)
         stream.set_log_tick_enabled(False)
         self.log, self.send_columns = stream.log, stream.send_columns
@@ -75,7 +80,7 @@ class Output:
     def flush(self) -> None:
         """Write all logged data to the disk."""
         try:
-            self._stream.flush(timeout_sec=FLUSH_SECONDS)
+            self.stream.flush(timeout_sec=FLUSH_SECONDS)
         except RuntimeError as error:
             self._give_up(error)
         if self._file is not None:
@@ -86,7 +91,7 @@ class Output:
     def close(self) -> None:
         """Write all logged data and release the file and the viewer."""
         self.flush()
-        self._stream.disconnect()
+        self.stream.disconnect()
         self._release()
 
     def _release(self) -> None:
@@ -97,7 +102,7 @@ class Output:
     def _give_up(self, error: RuntimeError) -> NoReturn:
         """Raise OSError, and keep the end of the stream and of the process from waiting for the
         failed writer."""
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.stream))
         atexit.unregister(rr.rerun_shutdown)
         if self._file is not None:
             self._file.cut(self._flushed)

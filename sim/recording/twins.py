@@ -7,16 +7,15 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from sim.recording.colours import HUE_STEP
 from sim.recording.display_mesh import DisplayMeshes
+from sim.recording.episodes import Episodes
 from sim.recording.frame import WATER_RESOLUTION, Artist
 from sim.recording.look import DIFFERENCES, MOST_PLOTTED, SERIES, side_by_side_blueprint
 from sim.recording.output import Output, path_part
 from sim.recording.recorder import BATCH_SECONDS, Recording, SceneWriter
 from sim.runs.simulation import Sample
 from sim.scenes.scene import Scene
-
-HUE_STEP = 0.618
-"""Difference in hue between successive twins, in turns. The golden ratio keeps all hues apart."""
 
 
 class SideBySideRecorder(Recording):
@@ -35,12 +34,16 @@ class SideBySideRecorder(Recording):
         self.path = Path(path)
         first = next(iter(scenes.values()))
         name = f"{first.name}: {', '.join(scenes)}"
-        output = Output(self.path, name, side_by_side_blueprint(scenes))
-        writers = []
-        for i, (label, scene) in enumerate(scenes.items()):
-            meshes = DisplayMeshes(scene.buoyancy, hue=i * HUE_STEP)
-            artist = Artist(scene, meshes, None, WATER_RESOLUTION)
-            writers.append(SceneWriter(scene, output, artist, f"/{path_part(label)}"))
+        artists = [
+            Artist(s, DisplayMeshes(s.buoyancy, hue=i * HUE_STEP), None, WATER_RESOLUTION)
+            for i, s in enumerate(scenes.values())
+        ]
+        arrangement = side_by_side_blueprint(scenes, artists[0].framing.distance)
+        output = Output(self.path, name, arrangement)
+        writers = [
+            SceneWriter(scene, output, artist, f"/{path_part(label)}")
+            for (label, scene), artist in zip(scenes.items(), artists, strict=True)
+        ]
         bodies = first.buoyancy.body_names[:MOST_PLOTTED]
         for label, path_of, body in product(scenes, SERIES.values(), bodies):
             title = f"water at {body}" if path_of.endswith("water") else body
@@ -65,15 +68,16 @@ class Differences:
 
     def __init__(self, labels: list[str], bodies: Sequence[str], output: Output) -> None:
         self._labels, self._bodies, self._output = labels, bodies, output
-        self._waiting: list[Sequence[Sample]] = []
+        self._waiting: list[tuple[float, Sequence[Sample]]] = []
+        self._episodes = Episodes()
         for entity, label, body in product(DIFFERENCES, labels[1:], bodies):
             line = rr.SeriesLines(names=f"{body}, {label}")
             output.log(self._path(entity, label, body), line, static=True)
 
     def add(self, samples: Sequence[Sample]) -> None:
         """Add one sample of each simulation."""
-        self._waiting.append(samples)
-        if self._waiting[-1][0].time - self._waiting[0][0].time >= BATCH_SECONDS:
+        self._waiting.append((self._episodes.add(samples[0].time), samples))
+        if self._waiting[-1][0] - self._waiting[0][0] >= BATCH_SECONDS:
             self.send()
 
     def send(self) -> None:
@@ -81,10 +85,10 @@ class Differences:
         if not self._waiting:
             return
         waiting, self._waiting = self._waiting, []
-        indexes = [rr.TimeColumn("time", duration=[samples[0].time for samples in waiting])]
+        indexes = [rr.TimeColumn("time", duration=[time for time, _ in waiting])]
         values = {
-            "heave": np.array([[s.positions[:, 2] for s in samples] for samples in waiting]),
-            "tilt": np.degrees([[s.tilts for s in samples] for samples in waiting]),
+            "heave": np.array([[s.positions[:, 2] for s in samples] for _, samples in waiting]),
+            "tilt": np.degrees([[s.tilts for s in samples] for _, samples in waiting]),
         }
         for entity, series in values.items():  # frames, twins, bodies
             differences = series[:, 1:] - series[:, :1]

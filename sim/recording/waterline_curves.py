@@ -20,6 +20,10 @@ Flags = NDArray[np.bool_]
 WATERLINE_ERROR = 1e-5
 """Largest head [m] at a point of the waterline, far below the resolution of a picture."""
 
+LEAST_OPENING = 0.4
+"""Smallest value of 1 + cos of the angle between a surface's normal and the vertical for which a
+drawn line lies outside. The line would be far from a surface that nearly lies on the water."""
+
 MOST_BRACKET_STEPS = 60
 """Largest number of steps for a point. About 4 suffice; plain halving would take 17."""
 
@@ -46,22 +50,41 @@ def faces_across(faces: Indices) -> Indices:
 
 
 def waterlines(
-    sea: Sea, time: float, vertices: Array, faces: Indices, across: Indices, depths: Array
+    sea: Sea,
+    time: float,
+    vertices: Array,
+    areas: Array,
+    faces: Indices,
+    across: Indices,
+    depths: Array,
+    radius: float = 0.0,
 ) -> list[Array]:
     """Closed curves (N, 3) [m] along which the sea cuts closed surfaces. The last point repeats the
     first, and the wet side lies to the right as seen from outside.
 
-    vertices: (V, 3) [m], world axes. faces: (F, 3), of one or more closed, outward surfaces.
-    across: (F, 3), their `faces_across`. depths: (V,) [m], of the vertices, by `heads`. A point
-    lies on an edge to round-off and on the sea's surface to WATERLINE_ERROR.
+    vertices: (V, 3) [m], world axes. areas: (V, 3) [m^2], their outward area vectors. faces:
+    (F, 3), of one or more closed, outward surfaces. across: (F, 3), their `faces_across`. depths:
+    (V,) [m], of the vertices, by `heads`. radius [m]: of the drawn line. Its middle is this far
+    outside the surface and above the sea, so that neither hides it. With radius 0, a point lies on
+    an edge to round-off and on the sea's surface to WATERLINE_ERROR.
     """
     dry, wet, ends = _traced(faces, across, depths > 0.0)
     points = _crossings(sea, time, vertices[dry], vertices[wet], depths[dry], depths[wet])
+    if radius > 0.0:
+        points = points + radius * _beside(areas[dry] + areas[wet])
     starts = [0, *ends.tolist()]
     return [
         np.concatenate([points[start:end], points[start : start + 1]])
         for start, end in zip(starts, ends.tolist(), strict=False)
     ]
+
+
+def _beside(outward: Array) -> Array:
+    """Vectors (N, 3) to points that are 1 outside a surface with outward normals of any length
+    (N, 3), and 1 above level water. They are not longer than 2 over LEAST_OPENING."""
+    normals = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    opening = np.maximum(1.0 + normals[:, 2:], LEAST_OPENING)
+    return (normals + [0.0, 0.0, 1.0]) / opening
 
 
 @kernel
