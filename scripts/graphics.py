@@ -41,7 +41,8 @@ def choose_driver() -> str | None:
     return f"MuJoCo cannot draw: there is no library of {' or '.join(wanted)}; {ADVICE}"
 
 
-PROBLEM = choose_driver()
+problem = choose_driver()
+"""Why MuJoCo cannot draw, or None."""
 
 import mujoco  # noqa: E402
 
@@ -52,8 +53,9 @@ def renderer(
 ) -> Iterator[mujoco.Renderer]:
     """MuJoCo's renderer for pictures of a size [pixels]. Raises ValueError, with what to install,
     if there is no driver."""
-    if PROBLEM is not None:
-        raise ValueError(PROBLEM)
+    global problem  # MuJoCo aborts the process if it tries again after a failure
+    if problem is not None:
+        raise ValueError(problem)
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     try:
         with warnings.catch_warnings(action="ignore"):  # the error says all
@@ -61,7 +63,8 @@ def renderer(
     except Exception as error:  # each driver has its own errors
         driver = os.environ.get("MUJOCO_GL") or "a screen"
         reason = " ".join(str(error).split())
-        raise ValueError(f"MuJoCo cannot draw with {driver} ({reason}); {ADVICE}") from error
+        problem = f"MuJoCo cannot draw with {driver} ({reason}); {ADVICE}"
+        raise ValueError(problem) from error
     with closing(made):
         yield made
 

@@ -171,6 +171,7 @@ class Follower:
         self._geoms = np.flatnonzero(is_seen & (model.geom_rbound > 0.0))
         self._scene, self._time = scene, scene.data.time
         self._target, self._radius = self._seen()
+        self._half_view = np.tan(np.radians(0.5 * model.vis.global_.fovy))
         self.camera = mujoco.MjvCamera()
         self.camera.azimuth = AZIMUTH
 
@@ -185,22 +186,23 @@ class Follower:
         return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
 
     def move(self) -> None:
-        """Move the camera to the scene's present state. It stays above the water, from where it
-        sees bodies that sink."""
+        """Move the camera to the scene's present state. It stays above the water and zooms in on
+        bodies that sink."""
         data, sea = self._scene.data, self._scene.buoyancy.sea
         target, radius = self._seen()
         share = 1.0 - np.exp(-(data.time - self._time) / FOLLOWING_SECONDS)
         self._target += share * (target - self._target)
         self._radius += share * (radius - self._radius)
         self._time = data.time
-        half_view = np.tan(np.radians(0.5 * self._scene.model.vis.global_.fovy))
-        distance, down = self._radius / (VIEW_SHARE * half_view), np.radians(ELEVATION)
+        distance, down = self._radius / (VIEW_SHARE * self._half_view), np.radians(ELEVATION)
         lowest = sea.level_at(data.time) + CREST_CLEARANCE * sea.amplitude
         rise = max(self._target[2] + distance * np.sin(down), lowest) - self._target[2]
         reach = distance * np.cos(down)
         self.camera.lookat[:] = self._target
         self.camera.elevation = -np.degrees(np.arctan2(rise, reach))
         self.camera.distance = np.hypot(rise, reach)
+        zoomed = self._half_view * distance / self.camera.distance
+        self._scene.model.vis.global_.fovy = 2.0 * np.degrees(np.arctan(zoomed))
 
 
 def load(options: argparse.Namespace) -> Scene:
@@ -274,7 +276,10 @@ def write_loop(path: Path, pictures: Iterable[Picture], fps: float) -> None:
     """Write an animated .gif or .webp that repeats."""
     images = map(Image.fromarray, pictures)
     first, step_ms = next(images), round(1000.0 / fps)
-    first.save(path, save_all=True, append_images=images, duration=step_ms, loop=0, quality=75)
+    with path.open("wb") as file:  # Pillow would leave it open after Ctrl-C
+        first.save(
+            file, path.suffix[1:], save_all=True, append_images=images, duration=step_ms, loop=0
+        )
 
 
 WRITERS = {".mp4": write_mp4, ".gif": write_loop, ".webp": write_loop}
@@ -333,7 +338,7 @@ def main(arguments: list[str] | None = None) -> int:
             pictures = prepared(options)
         with stops_held() as check_stops, notes_said(options.quiet):
             count, end = film(options, pictures, check_stops)
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         return failure(error)
     if not options.quiet:
         megabytes = options.output.stat().st_size / 1e6

@@ -1,6 +1,5 @@
 """Preparation for all tests."""
 
-import graphics  # noqa: F401  comes before mujoco, for which it chooses a driver
 import pytest
 
 from independent import MODELS

@@ -7,6 +7,7 @@ install.
 import importlib.util
 import os
 import signal
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +24,12 @@ from independent import MODELS, sending
 from sim import DivergenceError, Scene
 
 CUBE = MODELS / "cube.xml"
-QUICK = ("--duration", "0.2", "--fps", "10", "--size", "128x96")
+
+
+@pytest.fixture(autouse=True)
+def _without_a_driver(monkeypatch):
+    """In this process mujoco was imported before a driver could be chosen for it."""
+    monkeypatch.setattr(graphics, "check_driver", lambda: None)
 
 
 @pytest.fixture
@@ -61,25 +67,38 @@ def pictures(path) -> list[np.ndarray]:
         return found
 
 
+def test_a_video_shows_a_body_in_the_sea_under_the_sky(tmp_path):
+    path = tmp_path / "new" / "a.webp"
+    quick = ["--duration", "0.1", "--fps", "10", "--size", "128x96", "--output"]
+    result = subprocess.run(
+        [sys.executable, video.__file__, CUBE, *quick, path],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    if result.returncode:
+        assert "libosmesa6" in result.stderr
+        assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+        return
+    assert "2 pictures, 0.2 s" in result.stdout
+    found = np.array(pictures(path), dtype=float)
+    assert found.shape == (2, 96, 128, 3)
+    assert np.abs(found[1] - found[0]).mean() > 0.2  # it moves
+    red, _, blue = np.moveaxis(found[0], -1, 0)
+    assert (blue[:10] > 180.0).mean() > 0.9  # the sky
+    assert (blue - red > 20.0)[-10:].mean() > 0.9  # the water
+    assert (red > blue + 20.0)[30:70, 40:90].mean() > 0.2  # the cube is orange
+
+
 @pytest.mark.parametrize("suffix", [".mp4", ".gif", ".webp"])
-def test_a_video_shows_a_body_in_the_sea_under_the_sky(make, suffix):
+def test_a_video_holds_all_pictures_in_order(suffix, tmp_path):
     if suffix == ".mp4":
         pytest.importorskip("av")
-    result = make(*QUICK, output=f"new/a{suffix}")
-    status, path, out, _ = result
-    if status:
-        assert is_refusal(result, "libosmesa6")
-        return
-    assert "3 pictures, 0.3 s" in out
+    path = tmp_path / f"a{suffix}"
+    greys = [40, 90, 140, 190]
+    video.WRITERS[suffix](path, (np.full((64, 96, 3), grey, np.uint8) for grey in greys), 25.0)
     found = np.array(pictures(path), dtype=float)
-    assert found.shape == (3, 96, 128, 3)
-    assert np.abs(found[2] - found[0]).mean() > 0.5  # it moves
-    red, green, blue = np.moveaxis(found[0], -1, 0)
-    assert (blue[:10] > 180).mean() > 0.9  # the sky
-    edges = np.concatenate([blue - red, green - red])[-10:]
-    assert (edges > 20).mean() > 0.9  # the water in front
-    middle = np.s_[36:60, 48:80]
-    assert (red[middle] > blue[middle]).mean() > 0.1  # the cube
+    assert found.shape == (4, 64, 96, 3)
+    compression = 6.0
+    np.testing.assert_allclose(found.mean(axis=(1, 2, 3)), greys, atol=compression)
 
 
 REFUSALS = {
@@ -98,7 +117,7 @@ REFUSALS = {
 def test_unusable_input_is_refused_in_one_line(make, case):
     what, message = REFUSALS[case]
     result = make(**what) if isinstance(what, dict) else make(*what)
-    assert is_refusal(result, message) or is_refusal(result, "libosmesa6")
+    assert is_refusal(result, message)
 
 
 def test_what_a_format_cannot_do_is_refused(make, monkeypatch):
@@ -169,7 +188,7 @@ def test_the_camera_follows_what_floats_down_too(name):
         ]
         places, height = seen(scene, np.concatenate(hulls), follower.camera)
         assert np.abs(places).max() < 1.0  # within a square picture
-        assert np.ptp(places, axis=0).max() / 2.0 > (0.3 if depth == 0.0 else 0.1)
+        assert np.ptp(places, axis=0).max() / 2.0 > 0.25
         assert height > scene.buoyancy.sea.level  # of the camera
 
 
