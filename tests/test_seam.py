@@ -23,6 +23,7 @@ from sim import Buoyancy, ModelError, Note, Scene
 from sim.plugin import seam
 from sim.plugin.context import MOST_UNUSED_CONTEXTS
 from sim.plugin.native import SLAB
+from sim.plugin.picture import OPACITY
 
 DRAG = '<numeric name="drag" data="0.2 1.0 0.005"/>'
 FULLPHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -562,20 +563,29 @@ def test_gauges_without_water_or_site_are_refused():
         gauged(sensor=GAUGE.format("cube").replace('"site"', '"body"'))
 
 
-def picture(compiled: mujoco.MjModel, data: mujoco.MjData, room: int = 10_000) -> mujoco.MjvScene:
-    found = mujoco.MjvScene(compiled, room)
+def drawn(compiled: mujoco.MjModel, data: mujoco.MjData, scene: mujoco.MjvScene) -> mujoco.MjvScene:
+    """The scene, after MuJoCo has updated it."""
     everything = mujoco.mjtCatBit.mjCAT_ALL
     mujoco.mjv_updateScene(
-        compiled, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), everything, found
+        compiled, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), everything, scene
     )
-    return found
+    return scene
+
+
+def picture(compiled: mujoco.MjModel, data: mujoco.MjData, room: int = 10_000) -> mujoco.MjvScene:
+    return drawn(compiled, data, mujoco.MjvScene(compiled, room))
+
+
+def triangles(scene: mujoco.MjvScene) -> np.ndarray:
+    """Indices (T,) of the triangles of a picture."""
+    kinds = np.array([scene.geoms[i].type for i in range(scene.ngeom)])
+    return np.flatnonzero(kinds == mujoco.mjtGeom.mjGEOM_TRIANGLE)
 
 
 def corners(scene: mujoco.MjvScene) -> np.ndarray:
     """Corners (T, 3, 3) [m] of the triangles of a picture."""
-    kinds = np.array([scene.geoms[i].type for i in range(scene.ngeom)])
     found = []
-    for i in np.flatnonzero(kinds == mujoco.mjtGeom.mjGEOM_TRIANGLE):
+    for i in triangles(scene):
         corner, sides = scene.geoms[i].pos, np.array(scene.geoms[i].mat)
         found.append([corner, corner + sides[:, 0], corner + sides[:, 1]])
     return np.array(found, dtype=float)
@@ -588,15 +598,35 @@ def test_mujocos_pictures_show_the_sea_at_its_elevation():
     data.xipos[1:, :2] += 50.0
     found = corners(picture(compiled, data))
     points = found.reshape(-1, 3)
-    near = np.abs(points[:, :2] - data.xipos[1:, :2].mean(axis=0)).max(axis=1) < 5.0
-    expected = sea.elevation(points[near, 0], points[near, 1], data.time)
+    expected = sea.elevation(points[:, 0], points[:, 1], data.time)
+    single_precision = 5e-7 * np.repeat(np.abs(found).max(axis=(1, 2)), 3)
+    assert (np.abs(points[:, 2] - expected) < single_precision).all()
+    assert np.ptp(points[:, 0]) > 200.0
+    near = np.abs(points[:, :2] - data.xipos[1:, :2].mean(axis=0)).max(axis=1) < 2.0
     assert near.sum() > 1000
-    single_precision = 2e-5  # m, at 50 m
-    np.testing.assert_allclose(points[near, 2], expected, atol=single_precision)
     normals = np.cross(found[:, 1] - found[:, 0], found[:, 2] - found[:, 0])
     assert (normals[:, 2] >= 0.0).all()
     area = normals[:, 2].sum() / 2.0  # triangles neither overlap nor leave gaps
     np.testing.assert_allclose(area, np.prod(np.ptp(points[:, :2], axis=0)), rtol=1e-5)
+
+
+def test_drawn_water_reflects_as_fresnels_law_says():
+    """On calm water, seen from the eye of the picture before."""
+    compiled, eye = model(), np.array([3.0, -2.0, 2.5])
+    scene = mujoco.MjvScene(compiled, 10_000)
+    scene.camera[0].pos = eye
+    cells = corners(drawn(compiled, stepped(compiled, 1), scene))[::2]  # of two triangles each
+    to_eye = eye - 0.5 * (cells[:, 0] + cells[:, 2])
+    cosines = to_eye[:, 2] / np.linalg.norm(to_eye, axis=1)
+    inside = np.sqrt(1.0 - (1.0 - cosines**2) / 1.33**2)
+    parallel = ((inside - 1.33 * cosines) / (inside + 1.33 * cosines)) ** 2
+    across = ((cosines - 1.33 * inside) / (cosines + 1.33 * inside)) ** 2
+    expected = OPACITY + (1.0 - OPACITY) * 0.5 * (parallel + across)
+    found = np.array([scene.geoms[i].rgba[3] for i in triangles(scene)])[::2]
+    near = np.linalg.norm(to_eye, axis=1) < 40.0  # haze makes the rest opaque
+    assert cosines[near].min() < 0.07
+    schlicks_error = 0.03
+    np.testing.assert_allclose(found[near], expected[near], atol=schlicks_error)
 
 
 def test_a_picture_with_little_room_shows_a_coarser_sea():

@@ -163,16 +163,17 @@ def picture_offsets() -> dict[str, int]:
     """Offsets in mjvScene and mjvGeom, and the size of an mjvGeom, by field of
     `picture.PICTURE`."""
     scene, geom = _fields("mjvScene"), _fields("mjvGeom")
+    eye = scene["camera"] + _fields("mjvGLCamera")["pos"]
     kind = ast_nodes.ValueType("mjvGeom")
     return {
         "most": scene["maxgeom"],
         "count": scene["ngeom"],
         "geoms": scene["geoms"],
+        "eye": eye,
         "geom_size": _extent(kind)[0],
         "category": geom["category"],
         "emission": geom["emission"],
         "specular": geom["specular"],
-        "shininess": geom["shininess"],
         "shadow": geom.get("castshadow", 0),  # since MuJoCo 4
     }
 

@@ -107,14 +107,15 @@ DOF = record(index="i8")
 
 PICTURE = record(
     length="f8", init_geom="i8", triangle="i8", decoration="i8", most="i8", count="i8", geoms="i8",
-    geom_size="i8", category="i8", emission="i8", specular="i8", shininess="i8", shadow="i8",
+    eye="i8", geom_size="i8", category="i8", emission="i8", specular="i8", shadow="i8",
 )  # fmt: skip
 """The data for drawing.
 
 length: length [m] of the longest hull, 0 to draw nothing. init_geom: address of mjv_initGeom.
 triangle, decoration: mjGEOM_TRIANGLE and mjCAT_DECOR. most, count, geoms: offsets in an mjvScene of
-its capacity, its number of geoms and the pointer to them. geom_size: bytes of an mjvGeom. category,
-emission, specular, shininess, shadow: offsets in an mjvGeom; shadow is 0 where there is none."""
+its capacity, its number of geoms, the pointer to them and the eye of the first camera. geom_size:
+bytes of an mjvGeom. category, emission, specular, shadow: offsets in an mjvGeom; shadow is 0 where
+there is none."""
 
 FIELD = record(pointer="i8", counter="i8", size="i8", matters="i8")
 """An array of a model that hulls and waves are made from: the offsets of its pointer and of its
