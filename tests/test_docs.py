@@ -42,3 +42,13 @@ def test_links_have_targets(page):
 def test_commands_name_existing_scripts(page):
     for script in re.findall(r"python (scripts/[\w/]+\.py)", page.read_text()):
         assert (REPOSITORY / script).is_file(), script
+
+
+def test_the_ten_lines_of_the_readme_float_a_box(capsys):
+    code = re.findall(r"```python\n(.*?)```", (REPOSITORY / "README.md").read_text(), re.DOTALL)[0]
+    assert len([line for line in code.splitlines() if line]) == 10
+    names: dict = {}
+    exec(code, names)
+    assert len(capsys.readouterr().out.splitlines()) == 20
+    # a box of 600 kg/m^3 in water of 1025 lies with its centre 0.034 m below the surface
+    assert abs(names["data"].body("box").xpos[2] + 0.034) < 0.1  # the amplitude of the wave
