@@ -114,6 +114,14 @@ def test_a_sheet_is_a_fault_with_its_position():
     assert "(5.5, 0.5, 0)" in found.faults[0]
 
 
+def test_specks_are_left_out_of_a_repair_with_their_position():
+    mesh = made_hulls.SPECKS["a triangle outside"](made_hulls.ship())
+    found = repair(*arrays(mesh))
+    assert found.faults == ()
+    (text,) = found.done
+    assert "specks left out: 1 faces, 1.6e-05 % of the area, around (1.001, 2.001, 0)" in text
+
+
 def test_a_surface_without_area_is_a_fault():
     found = repair(np.eye(3), np.array([[0, 0, 1]]))
     assert found.hull is None
@@ -259,6 +267,19 @@ def test_the_script_scales_mirrors_and_decks(tmp_path, capsys):
     assert run(file, "--repair", out) == 2
     assert not out.exists()
     assert "encloses a volume" in capsys.readouterr().err
+
+
+def test_the_script_leaves_out_sheets_if_asked(tmp_path, capsys):
+    file, out = tmp_path / "in.obj", tmp_path / "out.obj"
+    fin = [[0.5, 0, 0], [1.5, 0, 0], [1.5, 0, 1]]
+    made_hulls.with_faces(made_hulls.box([1, 1, 1]), fin).export(file)
+    assert run(file, "--repair", out) == 2
+    assert "leave them out with --drop-sheets" in capsys.readouterr().err
+    assert run(file, "--repair", out, "--drop-sheets") == 0
+    assert "sheets left out: 1 faces" in capsys.readouterr().out
+    assert Hull(*read_surface(out)).volume == pytest.approx(1.0, rel=ROUND_OFF)
+    with pytest.raises(SystemExit):
+        run(file, "--drop-sheets")
 
 
 def test_a_repaired_hull_floats(tmp_path):

@@ -88,17 +88,7 @@ def _outside(vertices: Array, faces: Indices) -> Outside:
             stacklevel=5,
         )
         return outside
-    try:
-        union = _united(vertices, shells)
-        if union is not None:
-            return union
-        change = ()
-    except ValueError as error:
-        change = (
-            f"its shells overlap and count shared volume twice; they cannot be united: {error}",
-        )
-    outside = _without_cavities(vertices, faces)
-    return outside._replace(changes=(*change, *outside.changes))
+    return _united(vertices, shells) or _without_cavities(vertices, faces)
 
 
 def _shells(vertices: Array, faces: Indices) -> Shells:
