@@ -2,10 +2,11 @@
 
     python scripts/check_hull.py boat.stl --scale 0.001 --repair boat.obj
 
-The file may have any format that trimesh reads. An open boat with a closed, thin shell is a usable
-hull, but the water stands as high inside as outside; --deck closes the boat. Exit status: 0 if
-Waterline accepts the hull or the repaired hull, 1 if it refuses the hull, 2 on unusable input or if
-the repair failed, 4 if a file cannot be written.
+The file may have any format that trimesh reads, or be a panel file (.gdf, .dat, .mar, .pnl), whose
+surface is open at the waterline. An open boat with a closed, thin shell is a usable hull, but the
+water stands as high inside as outside; --deck closes the boat. Exit status: 0 if Waterline accepts
+the hull or the repaired hull, 1 if it refuses the hull, 2 on unusable input or if the repair
+failed, 4 if a file cannot be written.
 """
 
 import argparse
@@ -53,7 +54,7 @@ MOST_RIMS = 7
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(__doc__)
-    parser.add_argument("file", type=Path, metavar="FILE", help="a mesh: OBJ, STL, PLY, glTF, ...")
+    parser.add_argument("file", type=Path, metavar="FILE", help="a mesh: OBJ, STL, glTF, GDF, ...")
     parser.add_argument("--repair", type=Path, metavar="OUT", help="write the repaired hull to OUT")
     parser.add_argument(
         "--scale", type=positive, default=1.0, metavar="S", help="factor for the file's lengths (1)"
