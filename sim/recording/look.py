@@ -91,7 +91,7 @@ ENVELOPE_SERIES = {
 with more bodies than MOST_PLOTTED."""
 
 ENVELOPE_NAMES = ("largest", "mean", "smallest")
-ENVELOPE_COLOURS = ((120, 130, 140), (240, 200, 90), (120, 130, 140))
+ENVELOPE_COLOURS = np.array([[120.0, 130.0, 140.0], [240.0, 200.0, 90.0], [120.0, 130.0, 140.0]])
 
 HEAD_PALETTE = palette(LEAST_HEAD_COLOUR, LARGEST_HEAD_COLOUR)
 HEAD_PALETTE[0] = palette(DRY_COLOUR, DRY_COLOUR)[0]

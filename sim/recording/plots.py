@@ -54,7 +54,8 @@ class Plots:
             if self._others:
                 yield OTHER_SERIES[quantity], rr.SeriesLines(names=self._others)
                 names = [f"water, {name}" if of_water else name for name in ENVELOPE_NAMES]
-                line = rr.SeriesLines(names=names, colors=ENVELOPE_COLOURS)
+                share = WATER_SERIES_SHARE if of_water else 1.0
+                line = rr.SeriesLines(names=names, colors=rounded(share * ENVELOPE_COLOURS))
                 yield ENVELOPE_SERIES[quantity], line
 
     def columns(self, samples: list[Sample]) -> Iterator[tuple[str, rr.ComponentColumnList]]:
