@@ -289,6 +289,8 @@ WRITERS = {".mp4": write_mp4, ".gif": write_loop, ".webp": write_loop}
 def check(options: argparse.Namespace) -> None:
     """Raise ValueError or FileNotFoundError for options that would fail after the run."""
     output, source = options.output, options.source
+    is_scene = source.suffix != ".rrd"
+    check_outputs([output], model_files(source) if is_scene else [source])
     if output.suffix not in WRITERS:
         raise ValueError(f"{output} is no video: name it {', '.join(WRITERS)}")
     if output.suffix == ".mp4" and importlib.util.find_spec("av") is None:
@@ -300,8 +302,6 @@ def check(options: argparse.Namespace) -> None:
         raise ValueError(
             f"--fps {options.fps:g}: a .gif counts in 1/100 s; choose 10, 20, 25 or 50"
         )
-    is_scene = source.suffix != ".rrd"
-    check_outputs([output], model_files(source) if is_scene else [source])
     if is_scene:
         graphics.check_driver()
 

@@ -47,6 +47,7 @@ def test_all_files_of_a_model_are_found(scene):
 OPTIONS = [
     ("run.py", "--record"), ("run.py", "--json"), ("compare.py", "--record"),
     ("compare.py", "--json"), ("hydrostatics.py", "--json"), ("hydrostatics.py", "--figure"),
+    ("video.py", "--output"),
 ]  # fmt: skip
 
 
