@@ -1,11 +1,15 @@
 """Screen: shows a run at real time in MuJoCo's interactive viewer."""
 
 import sys
+import threading
 import time
 import warnings
 from types import TracebackType
 
 from sim import Sample, Scene
+
+CLOSING_SECONDS = 5.0
+"""Longest time [s] that a closed window may take to end."""
 
 
 class Screen:
@@ -24,10 +28,14 @@ class Screen:
                 "--view found no screen; leave it out and open the recording where there is one, "
                 "or give a virtual one: xvfb-run python scripts/run.py ..."
             )
+        before = set(threading.enumerate())
         try:
-            self._viewer = mujoco.viewer.launch_passive(scene.model, scene.data)
+            self._viewer = mujoco.viewer.launch_passive(
+                scene.model, scene.data, show_left_ui=False, show_right_ui=False
+            )
         except RuntimeError as error:  # on macOS, if the script does not run under mjpython
             raise ValueError(f"--view: {' '.join(str(error).split())}") from None
+        self._threads = set(threading.enumerate()) - before
         self._speed, self._begin = speed, scene.data.time
         self._opened = time.perf_counter()
 
@@ -41,6 +49,8 @@ class Screen:
         traceback: TracebackType | None,
     ) -> None:
         self._viewer.close()
+        for thread in self._threads:  # a process that ends while they draw crashes
+            thread.join(CLOSING_SECONDS)
 
     def show(self, sample: Sample) -> bool:
         """Show the present state of the scene when its time has come. Returns whether the window is

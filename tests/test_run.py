@@ -162,7 +162,7 @@ class Window:
 def test_a_viewed_run_keeps_its_speed_and_ends_with_its_window(tmp_path, monkeypatch):
     window, waits = Window(), []
     monkeypatch.setattr("glfw.init", lambda: True)
-    monkeypatch.setattr("mujoco.viewer.launch_passive", lambda model, data: window)
+    monkeypatch.setattr("mujoco.viewer.launch_passive", lambda *_, **__: window)
     monkeypatch.setattr("time.sleep", waits.append)
     monkeypatch.setattr("time.perf_counter", lambda: 0.0)
     scene = Scene.load(MODELS / "cube.xml")
