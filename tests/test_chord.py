@@ -114,7 +114,7 @@ def test_methods_converge_to_the_reference_as_meshes_refine():
     assert ((slopes > 1.6) & (slopes < 2.4)).all(), slopes
 
 
-@pytest.mark.parametrize("samples", [-1, 1.5])
+@pytest.mark.parametrize("samples", [-1, 1.5, 65])
 def test_impossible_sample_counts_are_refused(samples):
     with pytest.raises(ValueError, match=r"samples is .*whole number from 0 to"):
         Chord(Hull.from_trimesh(CUBE), Sea(), samples)

@@ -327,6 +327,18 @@ def test_many_models_and_states_leave_no_growth():
     assert len(seam.homes._slabs) == 1
 
 
+def test_a_state_whose_word_was_overwritten_ends_with_the_next_one_at_its_address():
+    """A pickle overwrites the word, so the end of the state cannot find its home."""
+    compiled = model()
+    other = mujoco.MjData(compiled)
+    users = seam.context_of(compiled).users
+    for _ in range(20):  # the allocator reuses the address
+        data = mujoco.MjData(compiled)
+        data.plugin_data[0] = other.plugin_data[0]
+        del data
+    assert seam.context_of(compiled).users <= users + 3
+
+
 def test_models_with_the_same_content_share_a_context():
     """They may have different masses, unless added mass depends on them."""
     light, heavy = model(), model(CUBE.replace('density="512.5"', 'mass="900"'))
