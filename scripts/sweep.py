@@ -25,6 +25,7 @@ from joblib import Parallel, delayed, parallel_config
 
 from command_line import (
     Parser,
+    Progress,
     Stopped,
     add_averaging_options,
     at_least,
@@ -32,7 +33,6 @@ from command_line import (
     failure,
     notes_said,
     print_table,
-    progress,
     run_script,
     say,
     stops_held,
@@ -123,9 +123,8 @@ def collect(
         notes_said(quiet=True),  # joblib warns of abandoned tasks
         stops_held() as check,
         kept.open("a", encoding="utf-8") as file,
-        progress(len(runs), "runs", options.quiet) as bar,
+        Progress(len(runs), "runs", options.quiet, len(rows)) as bar,
     ):
-        bar.update(len(rows))
         if not file.tell():
             keep(file, plan.as_row())
         try:

@@ -72,6 +72,10 @@ def check_run(scene: Scene, duration: float, rate: float) -> None:
     for name, value in (("duration", duration), ("rate", rate)):
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value}; it must be finite and above 0")
+    if not 0.0 < scene.model.opt.timestep < np.inf:
+        raise ValueError(
+            f"the model's timestep is {scene.model.opt.timestep:g} s; it must be finite and above 0"
+        )
     steps = duration / scene.model.opt.timestep
     if not steps <= MOST_STEPS:
         raise ValueError(
