@@ -13,10 +13,14 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from time import perf_counter
 from types import FrameType
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, Self, TypeVar
 
 os.environ.setdefault("RUST_LOG", "off")  # keeps Rerun from printing errors besides ours
+
+MEASURED_SECONDS, NOTED_SECONDS = 1.0, 60.0
+"""Wall time after which the speed of the work is known, and the wall time left that is noted."""
 
 UNUSABLE_INPUT, DIVERGED, UNWRITABLE, BROKEN_PIPE = 2, 3, 4, 141
 
@@ -182,15 +186,42 @@ def failure(error: BaseException) -> int:
     return DIVERGED if isinstance(error, DivergenceError) else UNUSABLE_INPUT
 
 
-def progress(total: float, unit: str, quiet: bool = False) -> Any:
-    """A progress bar on a terminal, and nothing elsewhere; `.update(amount)` advances it."""
-    from tqdm import tqdm
+class Progress:
+    """The work that is done, `n`, of a total. On a terminal a bar shows it. Elsewhere, one line
+    tells how long the work will take, if that is more than NOTED_SECONDS.
 
-    shape = "{percentage:3.0f} %|{bar}| {n:.4g} of {total:g} {unit}, {remaining} left"
-    return tqdm(
-        total=total, unit=unit, bar_format=shape, leave=False, dynamic_ncols=True,
-        disable=quiet or not sys.stderr.isatty(),
-    )  # fmt: skip
+    quiet: print nothing. done: the work that was done before.
+    """
+
+    def __init__(self, total: float, unit: str, quiet: bool = False, done: float = 0.0) -> None:
+        from tqdm import tqdm
+
+        shape = "{percentage:3.0f} %|{bar}| {n:.4g} of {total:g} {unit}, {remaining} left"
+        self.bar: Any = tqdm(
+            total=total, initial=done, unit=unit, bar_format=shape, leave=False,
+            dynamic_ncols=True, disable=quiet or not sys.stderr.isatty(),
+        )  # fmt: skip
+        self.n, self._total, self._unit = done, total, unit
+        self._before, self._started = done, perf_counter()
+        self._has_said = quiet or not self.bar.disable
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.bar.close()
+
+    def update(self, amount: float) -> None:
+        """Add an amount of work that was done."""
+        self.n += amount
+        self.bar.update(amount)
+        spent = perf_counter() - self._started
+        if not self._has_said and spent > MEASURED_SECONDS and self.n > self._before:
+            self._has_said = True
+            left = spent * (self._total - self.n) / (self.n - self._before)
+            if left > NOTED_SECONDS:
+                takes = f"{left / 60.0:.0f} minutes" if left < 7200.0 else f"{left / 3600.0:.1f} h"
+                say(f"{self._total:g} {self._unit}: at this speed they take about {takes} more")
 
 
 def print_table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -23,6 +23,7 @@ import numpy as np
 
 from command_line import (
     Parser,
+    Progress,
     Stopped,
     add_averaging_options,
     add_scene_options,
@@ -31,7 +32,6 @@ from command_line import (
     failure,
     notes_said,
     print_table,
-    progress,
     run_script,
     scene_options,
     stops_held,
@@ -160,7 +160,7 @@ def run(
 ) -> None:
     """Simulate all twins in lockstep from each start, and check whether to stop. The first run is
     recorded."""
-    with progress(options.starts * options.duration, "s") as bar:
+    with Progress(options.starts * options.duration, "s") as bar:
         for i, time in enumerate(start_times(options.starts)):
             if i > 0:
                 with notes_said(quiet=True):

@@ -23,6 +23,7 @@ from command_line import (
     UNUSABLE_INPUT,
     UNWRITABLE,
     Parser,
+    Progress,
     Stopped,
     add_scene_options,
     at_least,
@@ -32,7 +33,6 @@ from command_line import (
     notes_said,
     positive,
     print_table,
-    progress,
     run_script,
     scene_options,
     stops_held,
@@ -152,7 +152,7 @@ def run(
 ) -> None:
     """Simulate, give each sample to all consumers, and check whether to stop. A closed window ends
     the run."""
-    with progress(options.duration, "s", options.quiet) as bar:
+    with Progress(options.duration, "s", options.quiet) as bar:
         start = scene.data.time
         for sample in simulate(scene, options.duration, options.rate):
             for consume in consumers:

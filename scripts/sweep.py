@@ -23,6 +23,7 @@ from joblib import Parallel, delayed, parallel_config
 from command_line import (
     MOST_ROWS,
     Parser,
+    Progress,
     Stopped,
     add_averaging_options,
     add_scene_options,
@@ -32,7 +33,6 @@ from command_line import (
     json_text,
     notes_said,
     print_table,
-    progress,
     run_script,
     say,
     scene_options,
@@ -133,9 +133,8 @@ def collect(
     with (
         notes_said(quiet=True),  # joblib warns of abandoned tasks
         stops_held() as check,
-        progress(len(runs), "runs", options.quiet) as bar,
+        Progress(len(runs), "runs", options.quiet, len(rows)) as bar,
     ):
-        bar.update(len(rows))
         if not file.size:
             keep(file, plan.as_row())
         try:

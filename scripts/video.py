@@ -29,12 +29,12 @@ from PIL import Image
 
 from command_line import (
     Parser,
+    Progress,
     add_scene_options,
     check_outputs,
     failure,
     notes_said,
     positive,
-    progress,
     run_script,
     scene_options,
     stops_held,
@@ -325,7 +325,7 @@ def film(
 
     total = np.ceil(options.duration * options.fps) + 1.0
     write = WRITERS[options.output.suffix]
-    with closing(pictures), progress(total, "pictures", options.quiet) as bar:
+    with closing(pictures), Progress(total, "pictures", options.quiet) as bar:
         write_whole(options.output, lambda beside: write(beside, watched(), options.fps))
     return count, end
 

@@ -11,6 +11,7 @@ checks that:
     methods/, resistance/     (hull, sea, pose, time) -> wrench of the water; drag, added mass
     statics/                  rest and stability of a body in still water
     hulls/, water/            closed surfaces and their repair; waves and pressure
+    notes                     warnings for the author of a scene
     geometry                  areas, volumes, rotations of triangles and bodies
     kernels                   compilation of kernels, and the blocks of tables they read
     addresses                 arrays, functions and counters at addresses in memory
@@ -25,7 +26,8 @@ from typing import TYPE_CHECKING, Any
 from sim.hulls.hull import Hull
 from sim.hulls.triangle import wet_triangles_wrench
 from sim.methods import Chord, Linear, Patches, Reference
-from sim.mjcf.faults import ModelError, Note
+from sim.mjcf.faults import ModelError
+from sim.notes import Note
 from sim.resistance.drag import Drag, DragCoefficients
 from sim.runs.divergence import DivergenceError
 from sim.runs.simulation import Sample, observe, simulate

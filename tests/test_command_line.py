@@ -10,10 +10,13 @@ import warnings
 from argparse import ArgumentTypeError
 from contextlib import suppress
 
+import numpy as np
 import pytest
 
+import command_line
 from command_line import (
     UNWRITABLE,
+    Progress,
     Stopped,
     at_least,
     check_outputs,
@@ -22,7 +25,6 @@ from command_line import (
     notes_said,
     positive,
     print_table,
-    progress,
     run_script,
     stops_held,
     write_json,
@@ -132,15 +134,32 @@ def test_tables_align_names_left_and_numbers_right(capsys):
     assert lines == ["body       height m", "cube           0.10", "long name   -12.345"]
 
 
+@pytest.mark.parametrize(("quiet", "total", "lines"), [
+    (False, 1e5, ["bunny.py: 100000 s: at this speed they take about 5.6 h more"]),
+    (False, 1e3, ["bunny.py: 1000 s: at this speed they take about 3 minutes more"]),
+    (False, 200.0, []), (True, 1e5, []),
+])  # fmt: skip
+def test_long_work_says_how_long_it_takes_off_a_terminal(quiet, total, lines, monkeypatch, capsys):
+    """0.2 s of wall time for every unit, from the first that was not done before."""
+    clock = iter(0.2 * np.arange(100.0))
+    monkeypatch.setattr(command_line, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(sys, "argv", ["bunny.py"])
+    with Progress(total, "s", quiet, done=50.0) as bar:
+        for _ in range(20):
+            bar.update(1.0)
+    assert bar.n == 70.0
+    assert capsys.readouterr().err.splitlines() == lines
+
+
 def test_progress_is_shown_only_on_a_terminal(monkeypatch, capsys):
-    with progress(10.0, "s") as bar:
+    with Progress(10.0, "s") as bar:
         bar.update(5.0)
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     for quiet, is_shown in ((False, True), (True, False)):
-        with progress(10.0, "s", quiet) as bar:
+        with Progress(10.0, "s", quiet) as bar:
             bar.update(5.0)
-            bar.refresh()
+            bar.bar.refresh()
         assert ("of 10 s" in capsys.readouterr().err) == is_shown
 
 

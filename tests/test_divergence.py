@@ -9,6 +9,7 @@ from scenes import CUBE, WAVES, model
 
 from sim import DivergenceError, ModelError, Note, Scene, hydrostatics, simulate
 from sim.runs.divergence import Watch
+from sim.scenes.timestep import SAFE_SWING_SHARE
 
 RADIUS = 0.1
 SAFE_PHASE = 1.5
@@ -113,6 +114,23 @@ def test_slower_motion_allows_longer_timesteps(density, custom, slower):
         assert len(notes_of(loaded)) == is_noted
 
 
+PLANK = """
+    <body name="plank" pos="0 0 0.3" euler="30 20 0"><freejoint/>
+      <geom name="plank" type="box" size="0.5 0.25 0.1" density="50"/><body/></body>"""
+UNEQUAL = '<numeric name="added_mass" data="0 0 10 0 0 0"/>'
+
+
+def test_the_swing_by_unequal_added_mass_needs_a_short_timestep():
+    """At the speed of a fall over twice the plank's reach."""
+    mass, volume, sides = 5.0, 0.1, (0.5, 0.25, 0.1)
+    speed = np.sqrt(4.0 * 9.81 * np.linalg.norm(sides))
+    inertia = mass / 3.0 * (sides[1] ** 2 + sides[2] ** 2)
+    omega = speed * np.sqrt(10.0 * 1025.0 * volume / inertia)
+    for factor, is_noted in ((0.98, False), (1.02, True)):
+        timestep = factor * 2.0 * SAFE_SWING_SHARE / omega
+        assert len(notes_of(compiled(PLANK, ("plank",), timestep, custom=UNEQUAL))) == is_noted
+
+
 def test_a_body_that_rolls_faster_than_it_heaves_is_noted():
     """From 0.75 of the timestep at which, by hydrostatics, its motion at rest begins to grow."""
     at_rest = hydrostatics(Scene.from_model(compiled(SPINDLE, ("box",), 1e-4)), with_gz=False)
@@ -145,6 +163,7 @@ STOPPED = {
     "in waves": ("ball", lambda: ball(0.5, 0.02, custom=WAVES)),
     "on a slide": ("ball", lambda: ball(0.5, 0.02, joint=SLIDE)),
     "on the arm of a barge": ("arm", lambda: compiled(ARM, ("barge", "arm"), 0.02)),
+    "with unequal added mass": ("plank", lambda: compiled(PLANK, ("plank",), 0.01, custom=UNEQUAL)),
     "with too little inertia": ("box", lambda: compiled(SPINDLE, ("box",), 0.002)),
 }
 

@@ -51,8 +51,8 @@ def test_known_heads():
 def head_jets(sea: Sea, points: np.ndarray, time: float) -> np.ndarray:
     x, y, z = points.T.copy()
     jets = np.empty(len(points), HEAD_JET)
-    near = near_particles(x, y, sea.components, time, 1)
-    solve_head_jets(x, y, z - sea.level, near, sea.components, time, 1e-14, jets)
+    near = near_particles(x, y, sea.components, time, 1, 1e-14)
+    solve_head_jets(x, y, z - sea.level, near, sea.components, time, 1e-14, 0.0, jets)
     return jets
 
 

@@ -1,5 +1,8 @@
 """Water and hulls of a model, and all refusals."""
 
+import re
+from collections.abc import Iterator
+
 import mujoco
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ from scenes import CUBE, WAVES, afloat, model, xml
 
 from independent import MODELS, ROUND_OFF
 from sim import Buoyancy, Chord, DragCoefficients, Linear, ModelError, Scene
+from sim.mjcf.fields import NUMERICS, check_numeric
 
 
 def test_the_sea_is_read_from_custom_fields():
@@ -192,7 +196,7 @@ REFUSALS = {
     ),
     "negative wavelength": (
         dict(custom='<numeric name="wave_a" data="0.1 -2 0 0"/>'),
-        "'wave_a': the wavelength is -2 m; it must be above 0",
+        "'wave_a': the wavelength is -2 m; it must be above 1e-09",
     ),
     "unknown numeric": (
         dict(custom='<numeric name="water_depth" data="1"/>'),
@@ -239,7 +243,7 @@ REFUSALS = {
     ),
     "negative tolerance": (
         dict(custom='<numeric name="buoyancy_tolerance" data="-1"/>'),
-        "tolerance is -1 m.*above 0",
+        "tolerance is -1 m.*above 1e-09",
     ),
     "a reference finer than round-off": (
         dict(custom='<numeric name="reference_tolerance" data="0"/>'),
@@ -360,3 +364,53 @@ def test_an_open_mesh_is_refused_by_geom_and_mesh(tmp_path):
     text = mesh_model(str(tmp_path / "open.obj"))
     with pytest.raises(ModelError, match=r"geom 'g' \(mesh 'm'\): .*not closed: 3 of 18 edges"):
         Scene.load(mujoco.MjSpec.from_string(text))
+
+
+USUAL = {
+    "wave_<name>": (0.1, 4.0, 0.0, 0.0),
+    "sea_jonswap": (0.1, 2.0, 3.3, 0.0, 25.0, 5.0, 0.0),
+    "sea_bretschneider": (0.1, 2.0, 0.0, 25.0, 5.0, 0.0),
+    "sea_pierson_moskowitz": (0.1, 0.0, 25.0, 5.0, 0.0),
+    "sea_ochi_hubble": (0.1, 2.0, 1.0, 0.05, 1.5, 1.0, 0.0, 25.0, 5.0, 0.0),
+    "sea_record": (0.0, 1.0, 60.0, 0.0, 0.0),
+    "water_level": (0.0, 0.0, 1.0, 0.1),
+    "added_mass": (0.5,) * 6,
+    "damping": (1.0,) * 6,
+}
+"""Numbers of fields that have several numbers without defaults."""
+
+EXTREMES = (5e-324, 1e-300, 1e300, -1e300)
+
+
+def extreme_rows() -> Iterator:
+    """A field's name, the count of one of its numbers, and its rows with an extreme there."""
+    for base, field in NUMERICS.items():
+        usual = USUAL.get(base, [n.default or 0.1 for n in field.numbers])
+        for i in range(len(usual)):
+            rows = [[*usual[:i], extreme, *usual[i + 1 :]] for extreme in EXTREMES]
+            yield pytest.param(base.replace("<name>", "a"), rows, id=f"{base}[{i}]")
+
+
+@pytest.mark.parametrize(("name", "rows"), list(extreme_rows()))
+def test_extreme_numbers_are_refused_in_one_line_or_give_finite_motion(name, rows):
+    custom = '<numeric name="wave_b" data="0.1 4 0 0"/>'
+    if name.startswith(("wave_", "sea_")):
+        custom = ""
+    if name != "buoyancy_tolerance":
+        custom += '<text name="buoyancy_method" data="linear"/>'
+    text = xml(CUBE.replace("</body>", "<body/></body>"), custom=custom)
+    for row in rows:
+        scene, error = None, ""
+        try:
+            check_numeric(name, row)
+            scene = Scene.load(mujoco.MjSpec.from_string(text), settings={name: row})
+        except ValueError as refusal:
+            error = str(refusal)
+        assert "\n" not in error
+        if scene is None:
+            assert re.search(r"must|expected|use a|lower|lengthen|add ", error)
+            assert len(error) < 400
+        else:
+            mujoco.mj_step(scene.model, scene.data, nstep=3)
+            assert np.isfinite(scene.data.qpos).all()
+            assert not scene.data.warning.number.any()

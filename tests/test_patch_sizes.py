@@ -7,10 +7,12 @@ import trimesh
 from benchmarks.accuracy import errors, wrenches
 from benchmarks.random_cases import random_cases, random_hull
 from benchmarks.seas import SEAS, waterline_poses
-from sim import Hull, Patches, Reference, Sea, Wave
+from sim import Hull, Linear, Note, Patches, Reference, Sea, Wave
 from sim.geometry import across, area_vectors, areas, cone_volumes, sides, split_triangles
+from sim.methods.patches import fit
 from sim.methods.patches import sizes as patch_sizes
 from sim.methods.patches.fit import jet_radius, jet_tolerance
+from sim.methods.patches.patches import LARGEST_FORCE_ERROR
 from sim.methods.patches.sizes import (
     EDGE_RADII,
     FEW_PATCHES,
@@ -29,6 +31,14 @@ TURN = 2.0 * np.pi
 
 def box(extents) -> Hull:
     return Hull.from_trimesh(trimesh.creation.box(extents=extents))
+
+
+def subdivided(hull: Hull, halvings: int) -> Hull:
+    """The hull with edges 2^halvings times as short."""
+    mesh = trimesh.Trimesh(hull.vertices, hull.faces)
+    for _ in range(halvings):
+        mesh = mesh.subdivide()
+    return Hull(mesh.vertices, mesh.faces)
 
 
 @pytest.mark.parametrize(
@@ -74,6 +84,35 @@ def test_the_default_tolerance_has_a_budget(extents, steepness):
         assert method.tolerance >= wanted or len(method.tree.patches) < 4 * FEW_PATCHES
     else:  # a coarse method uses its budget
         assert len(method.tree.patches) > 0.5 * MOST_PATCHES or max(extents) == 20.0
+
+
+FEW = dict(MOST_PATCHES=400, MOST_TRIANGLES=4_000)
+"""Small limits: a cut that takes a tenth of a second."""
+
+
+@pytest.mark.parametrize("steepness", [0.98, 0.9999])
+@pytest.mark.parametrize("pressure", PRESSURES)
+def test_forces_hold_up_to_the_fold(steepness, pressure, monkeypatch):
+    """Against linear heads on small faces. Cubics with exact derivatives would be wrong by 0.02 to
+    500 of density * gravity * volume, because next to a cusp they hold within a millimetre."""
+    for name, most in FEW.items():
+        monkeypatch.setattr(patch_sizes, name, most)
+    hull, sea = box((1.0, 1.0, 1.0)), Sea([Wave(steepness * 4.0 / TURN, 4.0)], pressure=pressure)
+    with pytest.warns(Note, match=r"kept to 0\.\d+ m instead .* at crests to .*e-0[3-9]"):
+        method = Patches(hull, sea)
+    poses = [
+        (np.array([1.0 + x, 0.2, 0.3 * steepness]), np.eye(3), 0.0) for x in (-0.3, -0.02, 0.0, 0.2)
+    ]
+    truth = wrenches(Linear(subdivided(hull, 6), sea), poses)
+    assert errors(wrenches(method, poses), truth, method).force_max < 0.5 * LARGEST_FORCE_ERROR
+
+
+def test_a_force_that_does_not_hold_is_refused(monkeypatch):
+    for name, most in FEW.items():
+        monkeypatch.setattr(patch_sizes, name, most)
+    monkeypatch.setattr(fit, "SQUEEZES", (0.0,))
+    with pytest.raises(ValueError, match=r"error of the force of .* expected at most 0\.01: lower"):
+        Patches(box((1.0, 1.0, 1.0)), Sea([Wave(0.99 * 4.0 / TURN, 4.0)]))
 
 
 def test_the_default_tolerance_bounds_the_force_error(monkeypatch):

@@ -482,6 +482,44 @@ def test_a_reset_of_a_faulty_model_gives_nan_until_it_is_corrected(tmp_path, mon
     np.testing.assert_array_equal(state(scene.data), alone(0.0, 30))
 
 
+def _flags_off(option: mujoco.MjOption, *names: str) -> None:
+    for name in names:
+        option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}"))
+
+
+FAULTY_OPTIONS = {
+    "solver is PGS": lambda o: setattr(o, "solver", int(mujoco.mjtSolver.mjSOL_PGS)),
+    "noslip_iterations is 3": lambda o: setattr(o, "noslip_iterations", 3),
+    "density is 1000": lambda o: setattr(o, "density", 1000.0),
+    "viscosity is 1": lambda o: setattr(o, "viscosity", 1.0),
+    "gravity is disabled": lambda o: _flags_off(o, "GRAVITY"),
+    "spring and damper are both disabled": lambda o: _flags_off(o, "SPRING", "DAMPER"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTY_OPTIONS)
+def test_faulty_options_are_noticed_at_a_reset_and_a_run_but_not_in_steps(fault):
+    """As the README of the plugin says."""
+    scene, warned = cube(custom=DRAG), []
+    mujoco.mj_step(scene.model, scene.data)
+    FAULTY_OPTIONS[fault](scene.model.opt)
+    mujoco.set_mju_user_warning(warned.append)
+    try:
+        mujoco.mj_step(scene.model, scene.data)
+        assert warned == []
+        assert scene.data.xfrc_applied[1, 2] > 0.0
+        with pytest.raises(ModelError, match=fault):
+            simulate(scene, 1.0)
+        mujoco.mj_resetData(scene.model, scene.data)
+        assert len(warned) == 1
+        assert fault in warned[0]
+        mujoco.mj_forward(scene.model, scene.data)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    is_called = "damper" not in fault
+    np.testing.assert_array_equal(scene.data.xfrc_applied[1, 2], np.nan if is_called else 0.0)
+
+
 IMMEDIATE_CHANGES = {
     "body_mass": lambda m: m.body_mass.__setitem__(1, 300.0),
     "body_inertia": lambda m: m.body_inertia.__setitem__((1, 0), 40.0),

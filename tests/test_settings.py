@@ -94,7 +94,7 @@ def test_seed_belongs_to_the_irregular_sea():
         ("wave_swell=1 2", "has 2 numbers; expected 4"),
         ("wave_swell.height=1", "has the numbers amplitude, wavelength, heading, phase"),
         ("wave_nobody.amplitude=1", "the scene has no numeric 'wave_nobody'; it has water_density"),
-        ("wave_swell.wavelength=-1", "the wavelength is -1 m; it must be above 0"),
+        ("wave_swell.wavelength=-1", "the wavelength is -1 m; it must be above 1e-09"),
         ("seed=3", "the scene has no irregular sea"),
         ("drag_ball=1 1 1", "names no geom of the tuple 'buoyant'"),
         ("buoyancy_method=magic", "'magic' is not a method"),

@@ -164,6 +164,13 @@ def test_impossible_durations_and_rates_are_refused_at_the_call(arguments, messa
         simulate(cube_scene(), *arguments)
 
 
+def test_a_timestep_that_became_impossible_is_refused_at_the_call():
+    scene = cube_scene()
+    scene.model.opt.timestep = 0.0
+    with pytest.raises(ValueError, match="timestep is 0 s; it must be finite and above 0"):
+        simulate(scene, 1.0)
+
+
 def test_tally_averages_samples():
     scene = cube_scene()
     tally, samples = Tally(scene), list(simulate(scene, 1.0))

@@ -23,11 +23,11 @@ import mujoco
 from benchmarks.cases import CASES, attempts
 from command_line import (
     Parser,
+    Progress,
     Stopped,
     check_outputs,
     failure,
     print_table,
-    progress,
     run_script,
     write_json,
 )
@@ -114,7 +114,7 @@ def holds(line: dict[str, Any]) -> bool:
 def run_cases(options: argparse.Namespace, results: dict[str, Any]) -> None:
     """Run the cases one by one and add them to the results."""
     names = [name for name in CASES if options.only in name]
-    with progress(len(names), "cases") as bar:
+    with Progress(len(names), "cases") as bar:
         for name in names:
             results[name] = run_case(name, options.quick)
             bar.update(1)

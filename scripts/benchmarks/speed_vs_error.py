@@ -35,6 +35,7 @@ from benchmarks.sources import DURATION, FALL_TIME, error_sources
 from benchmarks.steps import step_costs
 from command_line import (
     Parser,
+    Progress,
     Stopped,
     at_least,
     check_drawable,
@@ -43,7 +44,6 @@ from command_line import (
     notes_said,
     positive,
     print_table,
-    progress,
     run_script,
     write_json,
     write_whole,
@@ -300,7 +300,7 @@ def check_files(options: argparse.Namespace) -> None:
 def collect(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
     """Measure all rows and append them to `rows`."""
     total = len(options.hulls) * len(options.seas) * len(options.methods)
-    with progress(total, "rows") as bar:
+    with Progress(total, "rows") as bar:
         for row in measure(options):
             rows.append(row)
             bar.update()
@@ -391,7 +391,7 @@ def report_random(options: argparse.Namespace) -> int:
     cases: list[RandomCase] = []
     status = 0
     try:
-        with progress(options.random, "cases") as bar:
+        with Progress(options.random, "cases") as bar:
             for case in random_cases(options.random, options.seed):
                 cases.append(case)
                 bar.update(1)

@@ -23,7 +23,7 @@ from sim.methods.reference import SMALLEST_TOLERANCE
 from sim.water.gerstner import MOST_TIDES
 from sim.water.head import PRESSURES
 from sim.water.sea import DEFAULT_PRESSURE
-from sim.water.spectrum import LARGEST_SEED, MOST_WAVES, WIDEST_SPREAD
+from sim.water.spectrum import LARGEST_SEED, MOST_WAVES, SMALLEST_NUMBER, WIDEST_SPREAD
 
 Numbers = Sequence[float] | NDArray[np.float64]
 
@@ -157,7 +157,7 @@ class TextField:
 
 
 def _positive(name: str, unit: str, most: float, default: float = 0.0) -> Number:
-    return Number(name, unit, 0.0, most, is_above=True, default=default)
+    return Number(name, unit, SMALLEST_NUMBER, most, is_above=True, default=default)
 
 
 def _switch(name: str) -> Number:

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import local
 
-from sim.mjcf.faults import ModelError, Note
+from sim.mjcf.faults import ModelError
+from sim.notes import Note
 from sim.plugin.memory import mujoco_library
 
 LARGEST_LENGTH = 400

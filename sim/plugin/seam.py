@@ -24,10 +24,11 @@ from numpy.typing import NDArray
 
 from sim.kernels import CFunction, when_compiling
 from sim.mjcf.checks import check_physics
-from sim.mjcf.faults import Faults, ModelError, say
+from sim.mjcf.faults import Faults, ModelError
 from sim.mjcf.floats import first_state
 from sim.mjcf.notes import notes_about, notes_about_positions
 from sim.mjcf.reading import read_model
+from sim.notes import say
 from sim.plugin import native
 from sim.plugin.context import Context, Contexts
 from sim.plugin.gauge import GAUGE_SIZE, gauge_at

@@ -77,6 +77,10 @@ def check_run(scene: Scene, duration: float, rate: float, warm_up: float = 0.0) 
             f"a run of {duration:g} s has nothing left after a warm-up of {warm_up:g} s; run "
             "longer (--duration) or warm up for less time (--warm-up)"
         )
+    if not 0.0 < scene.model.opt.timestep < np.inf:
+        raise ValueError(
+            f"the model's timestep is {scene.model.opt.timestep:g} s; it must be finite and above 0"
+        )
     steps = duration / scene.model.opt.timestep
     if not steps <= MOST_STEPS:
         raise ValueError(

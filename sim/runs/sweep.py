@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.mjcf.faults import Note
 from sim.mjcf.files import model_files
 from sim.mjcf.floats import first_state
+from sim.notes import Note
 from sim.runs.divergence import DivergenceError
 from sim.runs.series import Series
 from sim.runs.simulation import check_run, simulate

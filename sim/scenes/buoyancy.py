@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.methods import Linear, Patches
-from sim.methods.method import Part, parts_of
+from sim.methods.method import Part, Settings, parts_of
 from sim.mjcf.faults import ModelError
 from sim.mjcf.floats import FloatingGeom, body_label
 from sim.plugin import native, seam
@@ -130,7 +130,7 @@ class Buoyancy:
         for f in self.floats:
             hull = f.method.hull
             kind = Patches if len(hull.faces) < LINEAR_FACES else Linear
-            made.setdefault(id(hull), kind(hull, still))
+            made.setdefault(id(hull), kind.from_settings(hull, still, Settings()))
         methods = [made[id(f.method.hull)] for f in self.floats]
         return parts_of(methods, [f.geom for f in self.floats])
 

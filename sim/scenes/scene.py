@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.mjcf.faults import ModelError, say
+from sim.mjcf.faults import ModelError
 from sim.mjcf.floats import first_state
 from sim.mjcf.notes import notes_about_positions
+from sim.notes import say
 from sim.scenes.buoyancy import Buoyancy
 from sim.scenes.hydrostatics import hydrostatics, notes_about_start
 from sim.scenes.settings import Settings, override, set_sea

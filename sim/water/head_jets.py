@@ -45,6 +45,7 @@ from sim.water.jets import (
     clear_higher,
     first_derivatives,
     largest_residual,
+    limit_squeeze,
     second_derivatives,
     shifted,
     third_derivatives,
@@ -240,9 +241,9 @@ def gather_heads(x, y, above, labels, sums, decayed, head, slope, jets_out):
 
 
 @kernel
-def solve_head_jets(x, y, above, near, waves, time, tolerance, jets_out):
+def solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets_out):
     """HEAD_JETs (N,) at the points x, y: (N,) [m] with heights `above` the level (N,) [m], from
-    particles Near them (see `jets.solve_jets`)."""
+    particles Near them; tolerance and squeeze as in `jets.solve_jets`."""
     labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
     higher, first, decayed = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, DECAYED)
     field, at_particles, at_points = np.empty(1, FIELD), np.empty(1, FIELD), np.empty(1, FIELD)
@@ -258,6 +259,8 @@ def solve_head_jets(x, y, above, near, waves, time, tolerance, jets_out):
             labels, nearer = nearer, labels
             set_depths(filled, places, heights, decayed)
             head_sums(filled, waves, time, labels, sums, higher, decayed)
+        if squeeze > 0.0:
+            limit_squeeze(filled, squeeze, sums)
         head_by_label(filled, sums, higher, decayed, field)
         first_derivatives(filled, sums, higher, field, first)
         third_derivatives(filled, sums, higher, field, first, at_particles)

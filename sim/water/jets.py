@@ -12,6 +12,10 @@ derivatives of the surface on the left, the chain rule gives one order after the
 The solve stops early, at a particle near the point, and the cubic is then shifted to the point.
 There are two functions, `near_particles` and `solve_jets`, so that a caller can drop points out of
 the water's reach in between.
+
+J shrinks particles together at a crest that almost folds, and a cubic with J's exact inverse then
+holds only within a millimetre or less. For points that stand for a larger region, J is therefore
+kept from being smaller than a given *squeeze* in any direction.
 """
 
 from typing import NamedTuple
@@ -24,6 +28,7 @@ from sim.water.gerstner import (
     CHUNK,
     LABELS,
     ONE,
+    PLAIN_STEPS,
     ROW,
     SUMS,
     add_wave,
@@ -33,6 +38,7 @@ from sim.water.gerstner import (
     set_labels,
     sine_cosine,
     solve_labels,
+    solve_others,
     solved,
     wave_sums,
 )
@@ -143,6 +149,19 @@ def jet_sums(count, waves, time, labels, sums_out, higher_out):
     clear_higher(h, count)
     for w in range(waves.size):
         add_wave_jet(at, p, h, count, waves[w], time)
+
+
+@kernel
+def limit_squeeze(count, squeeze, sums_out):
+    """Raise the smaller eigenvalue of J at the first `count` points to `squeeze`, if it is less, by
+    adding a multiple of the unit matrix."""
+    p = sums_out[0]
+    for i in range(count):
+        mean, half = 1.0 + 0.5 * (p.x_x[i] + p.y_y[i]), 0.5 * (p.x_x[i] - p.y_y[i])
+        smaller = mean - np.sqrt(half * half + p.x_y[i] * p.x_y[i])
+        lack = max(squeeze - smaller, 0.0)
+        p.x_x[i] += lack
+        p.y_y[i] += lack
 
 
 @kernel
@@ -278,9 +297,10 @@ def gather_jets(surface, labels, jets_out):
 
 
 @kernel
-def near_particles(x, y, waves, time, steps):
+def near_particles(x, y, waves, time, steps, tolerance):
     """The particles Near the points x, y: (N,) [m], after the given number of plain Newton steps
-    from the points, at least one."""
+    from the points, at least one. After PLAIN_STEPS, in a sea about to fold, points whose residual
+    still exceeds the tolerance [m] are solved with a safeguard."""
     near = Near(np.empty(x.size), np.empty(x.size), np.empty(x.size))
     labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
     for start in range(0, x.size, CHUNK):
@@ -292,6 +312,8 @@ def near_particles(x, y, waves, time, steps):
             wave_sums(filled, waves, time, labels, sums)
             newton_labels(px, py, labels, sums, heights, nearer)
             labels, nearer = nearer, labels
+        if steps >= PLAIN_STEPS:
+            solve_others(px, py, labels, waves, time, tolerance, nearer, sums, heights, labels)
         at = labels[0]
         for i in range(px.size):
             near.label_x[start + i], near.label_y[start + i] = at.x[i], at.y[i]
@@ -299,8 +321,9 @@ def near_particles(x, y, waves, time, steps):
 
 
 @kernel
-def solve_jets(x, y, near, waves, time, tolerance, jets_out):
-    """Jets (N,) of the surface at the points x, y: (N,) [m], from particles Near them.
+def solve_jets(x, y, near, waves, time, tolerance, squeeze, jets_out):
+    """Jets (N,) of the surface at the points x, y: (N,) [m], from particles Near them. squeeze:
+    the least that J may shrink a length to, 0 for exact derivatives.
 
     Where the residual exceeds the tolerance [m], the labels are solved further. As long as the
     steps taken for `near` suffice, jets are smooth functions of the point, however loose the
@@ -318,6 +341,8 @@ def solve_jets(x, y, near, waves, time, tolerance, jets_out):
             solve_labels(px, py, labels, waves, time, tolerance, ONE, found[: px.size], nearer)
             labels, nearer = nearer, labels
             jet_sums(filled, waves, time, labels, sums, higher)
+        if squeeze > 0.0:
+            limit_squeeze(filled, squeeze, sums)
         copy_heights(filled, sums, higher, heights)
         first_derivatives(filled, sums, higher, heights, first)
         third_derivatives(filled, sums, higher, heights, first, at_particles)

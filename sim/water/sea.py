@@ -117,10 +117,10 @@ class Sea:
         if self.worst_steepness >= 1.0:
             raise ValueError(
                 f"the waves fold: the sum of k a over {len(waves)} waves is "
-                f"{self.worst_steepness:.3f}"
+                f"{self.worst_steepness:.4g}"
                 f"{' as waves meet' if len(waves) > PLAIN_SUM_WAVES else ''} and "
                 "must stay below 1; scale all amplitudes by less than "
-                f"{1.0 / self.worst_steepness:.3f} or lengthen the waves"
+                f"{1.0 / self.worst_steepness:.3g} or lengthen the waves"
             )
         self._set(components=wave_table(waves, self.gravity, self.current, self.ramp))
         self._set(water=self._water())
@@ -242,8 +242,9 @@ class Sea:
 
         def solve(time: float, x: Array, y: Array) -> Table:
             found, tolerance = np.empty(x.size, MOVING_JET), float(self.water["tolerance"][0])
-            near, jets = near_particles(x, y, self.components, time, 1), np.empty(x.size, JET)
-            solve_jets(x, y, near, self.components, time, tolerance, jets)
+            near = near_particles(x, y, self.components, time, 1, tolerance)
+            jets = np.empty(x.size, JET)
+            solve_jets(x, y, near, self.components, time, tolerance, 0.0, jets)
             found["jet"], motion = jets, np.empty(1, MOTION)
             labels = np.stack([jets["label_x"], jets["label_y"]], axis=1)
             for chunk, at, count in label_chunks(labels):
@@ -294,6 +295,10 @@ def checked_tide(tide: Sequence[tuple[float, float]] | Array) -> tuple[tuple[flo
         raise ValueError(f"the tide has {len(pairs)} levels; expected 2 to {MOST_TIDES} pairs")
     if not np.isfinite(pairs).all() or not (np.diff(pairs[:, 0]) > 0.0).all():
         raise ValueError("the tide's times must rise, and all of its numbers must be finite")
+    with np.errstate(over="ignore"):
+        rates = np.diff(pairs[:, 1]) / np.diff(pairs[:, 0])
+    if not np.isfinite(rates).all():
+        raise ValueError("the tide's times are too close for its levels; expected at least 1e-9 s")
     return tuple((float(time), float(level)) for time, level in pairs)
 
 

@@ -38,6 +38,13 @@ FREQUENCIES = np.geomspace(0.3, 30.0, 20_001)
 WIDEST_SPREAD = np.sqrt(2.0)
 """Standard deviation [rad] of headings that are uniform over all directions."""
 
+SMALLEST_NUMBER = 1e-9
+"""Bound of heights [m] and periods [s] above 0. Squares of much smaller ones are lost."""
+
+NARROWEST_SPREAD = 1e-5
+"""Standard deviation [rad] of headings below which all headings are the same. Crests are then more
+than 10,000 wavelengths long."""
+
 MOST_WAVES, LARGEST_SEED = 5_000, 2**53
 """Maximum number of waves of a sea, each of which adds to the cost of every step; and the largest
 seed, above which the doubles of a custom numeric cannot tell consecutive integers apart."""
@@ -157,10 +164,10 @@ def equal_energy_frequencies(frequencies: Array, density: Array, count: int) -> 
 def equal_share_angles(spread: float, count: int) -> Array:
     """Angles (N,) [rad] from the mean heading, rising, with equal shares of the energy. spread
     [rad]: their standard deviation, below WIDEST_SPREAD."""
-    if spread == 0.0:
+    if spread < NARROWEST_SPREAD:
         return np.zeros(count)
     exponent = 2.0 / spread**2 - 1.0
-    angles = np.linspace(-np.pi, np.pi, 20_001)
+    angles = np.linspace(-1.0, 1.0, 20_001) * min(np.pi, 40.0 * spread)
     shares = np.cumsum(np.cos(0.5 * angles) ** (2.0 * exponent))
     middles = (np.arange(count) + 0.5) / count
     return np.interp(middles, (shares - 0.5 * shares[0]) / shares[-1], angles)
@@ -174,7 +181,7 @@ def _check_folding(parts: Array, height: float) -> None:
         return
     met = " as waves meet" if count > PLAIN_SUM_WAVES else ""
     raise ValueError(
-        f"the waves of this sea fold: the sum of k a over {count} waves is {steepness:.3f}{met} "
+        f"the waves of this sea fold: the sum of k a over {count} waves is {steepness:.4g}{met} "
         f"and must stay below 1; lower the significant height below {height / steepness:.3g} m, "
         f"make the period {np.sqrt(steepness):.3g} times as long, or use about "
         f"{max(1, int(0.9 * count / parts.sum() ** 2))} waves"
@@ -183,8 +190,10 @@ def _check_folding(parts: Array, height: float) -> None:
 
 def _check_height(height: float, period: float) -> None:
     for name, value, unit in (("significant height", height, "m"), ("peak period", period, "s")):
-        if not (np.isfinite(value) and value > 0.0):
-            raise ValueError(f"the {name} is {value} {unit}; it must be finite and above 0")
+        if not SMALLEST_NUMBER < value < np.inf:
+            raise ValueError(
+                f"the {name} is {value} {unit}; it must be finite and above {SMALLEST_NUMBER:g}"
+            )
 
 
 def _check_directions(heading: float, spread: float) -> None:

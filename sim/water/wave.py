@@ -85,5 +85,5 @@ def wave_table(
         row["amplitude"], row["wavenumber"] = amplitude, k
         row["direction_x"], row["direction_y"] = direction_x, direction_y
         row["ka"], row["kka"], row["kkka"] = k * amplitude, k**2 * amplitude, k**3 * amplitude
-        row["rise"] = 1.0 / ramp if ramp > 0.0 else 0.0
+        row["rise"] = min(1.0 / ramp, np.finfo(float).max) if ramp > 0.0 else 0.0
     return read_only(table)

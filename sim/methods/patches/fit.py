@@ -56,6 +56,9 @@ last one has not fallen: waves shorter than the patches are missed as a whole, h
 patches are, so the radius is halved until it is shorter than the waves. A next radius of less than
 1.05 of the best one is no improvement, and the search ends."""
 
+SQUEEZES = (0.0, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
+"""Limits of J that are tried where patches are larger than the tolerance asks for."""
+
 CENTRE_SHIFT_RADII = 0.05
 """Distance, in patch radii, between a patch's centre and the particle that its jet may come from.
 The solve can then stop early, and patches are smaller by this share."""
@@ -138,28 +141,40 @@ def jet_radius(
     return (good, kept) if good else (radius, error)
 
 
-def jet_tolerance(sea: Sea, radius: float, rings: Sequence[float] = RINGS) -> float:
+def jet_tolerance(
+    sea: Sea, radius: float, rings: Sequence[float] = RINGS, squeeze: float = 0.0
+) -> float:
     """Tolerance [m] that the fitted jets of a sea keep over patches of a radius [m], judged on
     rings at distances in radii."""
     find_error = jet_error if sea.pressure == "hydrostatic" else head_jet_error
     return SAFETY * find_error(
-        sea, jet_waves(sea, radius), (1.0 + CENTRE_SHIFT_RADII) * radius, rings
+        sea, jet_waves(sea, radius), (1.0 + CENTRE_SHIFT_RADII) * radius, rings, squeeze
     )
 
 
-def jets_of(sea: Sea, waves: Table, x: Array, y: Array) -> Table:
-    """JETs (N,) at the points x, y: (N,) [m], of the sea's own waves or fitted ones."""
-    jets, time = np.empty(x.size, JET), sea.ramp
-    near = near_particles(x, y, waves, time, 1)
-    solve_jets(x, y, near, waves, time, float(sea.water["tolerance"][0]), jets)
+def best_squeeze(sea: Sea, radius: float) -> tuple[float, float]:
+    """The limit of J among SQUEEZES with which fitted jets of a sea over patches of a radius [m]
+    keep the smallest tolerance, and that tolerance [m]."""
+    best = min(SQUEEZES, key=lambda squeeze: jet_tolerance(sea, radius, RINGS[-1:], squeeze))
+    return best, jet_tolerance(sea, radius, squeeze=best)
+
+
+def jets_of(sea: Sea, waves: Table, x: Array, y: Array, squeeze: float = 0.0) -> Table:
+    """JETs (N,) at the points x, y: (N,) [m], of the sea's own waves or fitted ones. squeeze: as in
+    `jets.solve_jets`."""
+    jets, time, tolerance = np.empty(x.size, JET), sea.ramp, float(sea.water["tolerance"][0])
+    near = near_particles(x, y, waves, time, 1, tolerance)
+    solve_jets(x, y, near, waves, time, tolerance, squeeze, jets)
     return jets
 
 
-def jet_error(sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS) -> float:
+def jet_error(
+    sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS, squeeze: float = 0.0
+) -> float:
     """Largest error [m] of the surface's jets of fitted waves, at the samples, on rings around them
     at distances in units of the radius [m]."""
     x, y = sample_places(sea)
-    jets = fields_of(jets_of(sea, waves, x, y), SURFACE_TERMS)
+    jets = fields_of(jets_of(sea, waves, x, y, squeeze), SURFACE_TERMS)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     worst = 0.0
     for ring, angle in product(rings, angles):
@@ -170,16 +185,20 @@ def jet_error(sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RI
     return worst
 
 
-def head_jets(sea: Sea, waves: Table, x: Array, y: Array, above: Array) -> Table:
+def head_jets(
+    sea: Sea, waves: Table, x: Array, y: Array, above: Array, squeeze: float = 0.0
+) -> Table:
     """HEAD_JETs (N,) at the points x, y with heights `above` the level, all (N,) [m], of the sea's
-    own waves or fitted ones."""
-    jets, time = np.empty(x.size, HEAD_JET), sea.ramp
-    near = near_particles(x, y, waves, time, 1)
-    solve_head_jets(x, y, above, near, waves, time, float(sea.water["tolerance"][0]), jets)
+    own waves or fitted ones. squeeze: as in `jets.solve_jets`."""
+    jets, time, tolerance = np.empty(x.size, HEAD_JET), sea.ramp, float(sea.water["tolerance"][0])
+    near = near_particles(x, y, waves, time, 1, tolerance)
+    solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets)
     return jets
 
 
-def head_jet_error(sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS) -> float:
+def head_jet_error(
+    sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS, squeeze: float = 0.0
+) -> float:
     """Largest error [m] of the head's jets of fitted waves, as in `jet_error`, at the samples and
     from two radii below to 0.7 radii above them. Above the water, only a positive head counts as an
     error."""
@@ -187,7 +206,7 @@ def head_jet_error(sea: Sea, waves: Table, radius: float, rings: Sequence[float]
     share = np.resize(np.linspace(-2.0, 1.0, 7), x.size)
     above = sea.elevation(x, y, sea.ramp) - still(sea) + radius * np.minimum(share, 0.0)
     above += 0.7 * radius * np.maximum(share, 0.0)
-    jets = fields_of(head_jets(sea, waves, x, y, above), HEAD_TERMS)
+    jets = fields_of(head_jets(sea, waves, x, y, above, squeeze), HEAD_TERMS)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     worst = 0.0
     for ring, angle, dip in product(rings, angles, DIP_ANGLES):
@@ -214,33 +233,34 @@ def taylor_weights(terms: Mapping[str, str], step: Mapping[str, float]) -> Array
     )  # fmt: skip
 
 
-def longest_edge(sea: Sea, waves: Table, tolerance: float) -> float:
+def longest_edge(sea: Sea, waves: Table, tolerance: float, squeeze: float = 0.0) -> float:
     """Edge [m] of a triangle up to which linear interpolation of the heads from jets of fitted
     waves is within the tolerance [m].
 
     Linear interpolation within a circle of radius r has an error of at most M r^2 / 2, where M is
     the largest second derivative, and r is at most the edge over the root of 3.
     """
-    bend = largest_bend(sea, waves)
+    bend = largest_bend(sea, waves, squeeze)
     return float(np.sqrt(6.0 * tolerance / bend)) if bend > 0.0 else np.inf
 
 
-def edge_tolerance(sea: Sea, waves: Table, edge: float) -> float:
+def edge_tolerance(sea: Sea, waves: Table, edge: float, squeeze: float = 0.0) -> float:
     """Error [m] of linear interpolation of the heads from jets over triangles with an edge [m]."""
-    return largest_bend(sea, waves) * edge**2 / 6.0
+    return largest_bend(sea, waves, squeeze) * edge**2 / 6.0
 
 
-def largest_bend(sea: Sea, waves: Table) -> float:
+def largest_bend(sea: Sea, waves: Table, squeeze: float) -> float:
     """Largest second derivative [1/m] of the head from jets of fitted waves, in any direction, at
     the samples, times SAFETY; 0 without waves."""
     if not waves.size:
         return 0.0
     x, y = sample_places(sea)
     if sea.pressure == "hydrostatic":
-        jets = jets_of(sea, waves, x, y)
+        jets = jets_of(sea, waves, x, y, squeeze)
         names, axes = ("z_xx", "z_xy", "z_xy", "z_yy"), 2
     else:
-        jets = head_jets(sea, waves, x, y, sea.elevation(x, y, sea.ramp) - still(sea))
+        above = sea.elevation(x, y, sea.ramp) - still(sea)
+        jets = head_jets(sea, waves, x, y, above, squeeze)
         names, axes = ("xx", "xy", "xz", "xy", "yy", "yz", "xz", "yz", "zz"), 3
     hessians = np.stack([jets[n] for n in names], axis=-1).reshape(-1, axes, axes)
     return SAFETY * float(np.abs(np.linalg.eigvalsh(hessians)).max())

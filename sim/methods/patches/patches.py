@@ -36,7 +36,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import cross, placed
+from sim.geometry import cross, placed, random_rotation
 from sim.hulls.hull import Hull
 from sim.hulls.triangle import clip_dry_part
 from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
@@ -70,23 +70,30 @@ from sim.methods.patches.tree import (
     joined,
     odd_corner_first,
 )
-from sim.water.gerstner import WATER, WAVE, level_and_rise
+from sim.notes import say
+from sim.water.gerstner import PLAIN_STEPS, WATER, WAVE, level_and_rise
 from sim.water.head_jets import HEAD_JET, solve_head_jets
 from sim.water.jets import JET, Near, near_particles, solve_jets
-from sim.water.samples import SAFETY, newton_steps
+from sim.water.samples import SAFETY, newton_steps, sample_places
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
 
+LARGEST_FORCE_ERROR, JUDGED_POSES = 1e-2, 4
+"""Largest error of the force that a coarsened tolerance may leave, as a share of density * gravity
+* volume, and the number of poses in which it is measured. With 4 poses this takes a third of the
+time of cutting the hull."""
+
 INSTANCE = record(pose="i8", row="i8", first="i8", end="i8", tree="i8")
 """A hull of a batch: rows of its pose and its wrench, its first patch and the end of its patches,
 and the number of its tree."""
 
-SOLVE = record(steps="i8", residual="f8", waves="i8", reach="f8")
-"""steps: number of Newton steps to a jet; residual [m] that is allowed after them; waves: number of
-waves of the sea; reach: height above the surface, in radii of a patch, beyond which the patch is
-out of the water's reach. The surface is taken above the patch's centre."""
+SOLVE = record(steps="i8", residual="f8", squeeze="f8", waves="i8", reach="f8")
+"""steps: number of Newton steps to a jet; residual [m] that is allowed after them; squeeze: limit
+of J in jets (see `jets`); waves: number of waves of the sea; reach: height above the surface, in
+radii of a patch, beyond which the patch is out of the water's reach. The surface is taken above the
+patch's centre."""
 
 CHOSEN = record(patch="i8", instance="i8", pose="i8")
 """A patch that the water could reach, its instance and its pose."""
@@ -130,6 +137,17 @@ class Patches(Compiled):
     """
 
     def __init__(self, hull: Hull, sea: Sea, tolerance: float | None = None) -> None:
+        self._make(hull, sea, tolerance)
+        say(self.notes)
+
+    @classmethod
+    def from_settings(cls, hull: Hull, sea: Sea, settings: Settings) -> Self:
+        """See `Method`. Notes are not said but left to the scene."""
+        method = cls.__new__(cls)
+        method._make(hull, sea, settings.buoyancy_tolerance)
+        return method
+
+    def _make(self, hull: Hull, sea: Sea, tolerance: float | None) -> None:
         if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
             raise ValueError(
                 f"the tolerance is {tolerance} m of water height; it must be finite and above 0"
@@ -137,20 +155,47 @@ class Patches(Compiled):
         super().__init__(hull, sea)
         sizes, self.tree = cut(hull, sea, tolerance)
         self.radius, self.tolerance = sizes.radius, sizes.tolerance
+        self.squeeze = sizes.squeeze
         self.is_coarse = sizes.is_coarse
-        if self.is_coarse:
-            self.notes = (
-                f"the water's height is kept to {self.tolerance:.2g} m instead of "
-                f"{default_tolerance(hull):.2g} m: {len(self.tree.patches)} patches cannot follow "
-                "waves this steep or short more closely; a buoyancy_tolerance that you set is "
-                "kept or refused",
-            )
         self.fitted = jet_waves(sea, self.radius)
         self._prepare()
+        if self.is_coarse:
+            self._judge_force()
 
-    @classmethod
-    def from_settings(cls, hull: Hull, sea: Sea, settings: Settings) -> Self:
-        return cls(hull, sea, settings.buoyancy_tolerance)
+    def _judge_force(self) -> None:
+        """Note a tolerance that was coarsened. Raises ValueError if it leaves too large an error of
+        the force."""
+        error, count = self._force_error(), len(self.tree.patches)
+        if error > LARGEST_FORCE_ERROR:
+            raise ValueError(
+                f"{count} patches leave an error of the force of {error:.2g} of density * gravity "
+                f"* volume at the crests of this sea; expected at most {LARGEST_FORCE_ERROR:g}: "
+                "lower or lengthen the waves, or set buoyancy_method to linear on small faces"
+            )
+        self.notes = (
+            f"the water's height is kept to {self.tolerance:.2g} m instead of "
+            f"{default_tolerance(self.hull):.2g} m, and forces at crests to {error:.1g} of density "
+            f"* gravity * volume: {count} patches cannot follow waves this steep or short more "
+            "closely; a buoyancy_tolerance that you set is kept or refused",
+        )
+
+    def _force_error(self) -> float:
+        """Largest error of the force, as a share of density * gravity * volume, from the patches'
+        heads at the vertices of their triangles, with the hull half under the highest crests among
+        the samples."""
+        x, y = sample_places(self.sea)
+        heights = self.sea.elevation(x, y, self.sea.ramp)
+        weights, errors = self.tree.leaves["weights"][:, :3], []
+        rng = np.random.default_rng(0)
+        for i in np.argsort(-heights)[:JUDGED_POSES]:
+            rotation = random_rotation(rng)
+            position = np.array([x[i], y[i], heights[i]]) - rotation @ self.hull.centroid
+            places, found = self.heads_at_vertices(position, rotation, self.sea.ramp)
+            px, py, pz = places.T
+            true = self.sea.head(px, py, pz, self.sea.ramp)
+            missed = np.maximum(np.nan_to_num(found), 0.0) - np.maximum(true, 0.0)
+            errors.append(np.einsum("lv,lav->a", missed.reshape(-1, LEAF_VERTICES), weights))
+        return float(np.linalg.norm(errors, axis=1).max() / self.hull.volume)
 
     @classmethod
     def parts(cls, methods: Sequence[Self], places: Table) -> list[Part]:
@@ -171,10 +216,13 @@ class Patches(Compiled):
             method.tree.patches["radius"].max() for method in methods
         )
         steps, _ = newton_steps(sea, residual / SAFETY)
+        if steps == PLAIN_STEPS:  # near a fold, a small residual does not mean a near label
+            residual = float(sea.water["tolerance"][0])
+        squeeze = max(method.squeeze for method in methods)
         slope = steepest_slope(sea)
         # the heights are those of nearby particles, hence the shift
         reach = np.hypot(1.0, slope) + CENTRE_SHIFT_RADII * slope
-        solve = np.array([(steps, residual, len(sea.components), reach)], SOLVE)
+        solve = np.array([(steps, residual, squeeze, len(sea.components), reach)], SOLVE)
         waves = np.concatenate([method.fitted for method in of_trees])
         block = packed(*joined([m.tree for m in of_trees]), waves, sea.water, solve)
         instances = instances[np.argsort(which, kind="stable")]
@@ -459,14 +507,14 @@ def keep_reached(patches, reach, points_out, near_out, chosen_out):
 @inline
 def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomials_out):
     """Polynomials (N,) of the heads around the chosen patches' centres, from fitted waves."""
-    x, y, above, residual = points.x, points.y, points.above, sea.solve[0].residual
+    x, y, above, solve = points.x, points.y, points.above, sea.solve[0]
     if sea.water[0].decays and waves.size > 0:
         jets = np.empty(x.size, HEAD_JET)
-        solve_head_jets(x, y, above, near, waves, time, residual, jets)
+        solve_head_jets(x, y, above, near, waves, time, solve.residual, solve.squeeze, jets)
         decayed_polynomials(jets, chosen, rotations, polynomials_out)
     else:
         jets = np.empty(x.size, JET)
-        solve_jets(x, y, near, waves, time, residual, jets)
+        solve_jets(x, y, near, waves, time, solve.residual, solve.squeeze, jets)
         head_polynomials(jets, above, chosen, rotations, polynomials_out)
 
 
@@ -486,7 +534,7 @@ def reached_polynomials(tree, sea, instances, positions, rotations, time):
         number = instances[chosen[start].instance].tree
         waves = sea.waves[number * solve.waves : (number + 1) * solve.waves]
         run = Points(points.x[start:end], points.y[start:end], points.above[start:end])
-        near = near_particles(run.x, run.y, waves, time, solve.steps)
+        near = near_particles(run.x, run.y, waves, time, solve.steps, solve.residual)
         kept = keep_reached(tree.patches, solve.reach, run, near, chosen[start:end])
         to = slice(count, count + kept)
         for i in range(kept):

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from sim.geometry import sides
 from sim.hulls.hull import Hull
-from sim.methods.patches.fit import edge_tolerance, jet_radius, jet_waves, longest_edge
+from sim.methods.patches.fit import (
+    best_squeeze,
+    edge_tolerance,
+    jet_radius,
+    jet_waves,
+    longest_edge,
+)
 from sim.methods.patches.tree import MOST_TREE_TRIANGLES, PatchTree, build_tree, enclosing_ball
 from sim.water.sea import Sea
 
@@ -67,12 +73,13 @@ are smaller than the rest.)"""
 class Sizes(NamedTuple):
     """Sizes of a cut, in metres: the largest radius of a patch, the longest edge of a triangle, and
     the tolerance that they keep. is_coarse: whether the tolerance is larger than the default
-    because the number of patches or triangles is limited."""
+    because the number of patches or triangles is limited. squeeze: the limit of J in jets."""
 
     radius: float
     edge: float
     tolerance: float
     is_coarse: bool = False
+    squeeze: float = 0.0
 
 
 def default_tolerance(hull: Hull) -> float:
@@ -118,13 +125,16 @@ def _default(hull: Hull, sea: Sea, most: int) -> Sizes:
     """Sizes for the default tolerance, or for at most `most` patches and the allowed triangles, and
     the tolerance that they keep."""
     radius, tolerance, is_coarse = _default_radius(hull, sea, most)
-    waves = jet_waves(sea, radius)
-    edge = longest_edge(sea, waves, LINEAR_SHARE * tolerance)
+    waves, squeeze = jet_waves(sea, radius), 0.0
+    if is_coarse:
+        squeeze, tolerance = best_squeeze(sea, radius)
+    edge = longest_edge(sea, waves, LINEAR_SHARE * tolerance, squeeze)
     shortest = _shortest_edge(hull)
     if edge < shortest:
-        edge, kept = shortest, edge_tolerance(sea, waves, shortest)
+        edge, kept = shortest, edge_tolerance(sea, waves, shortest, squeeze)
         is_coarse, tolerance = is_coarse or kept > tolerance, max(tolerance, kept)
-    return Sizes(radius, min(edge, max(EDGE_RADII * radius, shortest)), tolerance, is_coarse)
+    edge = min(edge, max(EDGE_RADII * radius, shortest))
+    return Sizes(radius, edge, tolerance, is_coarse, squeeze)
 
 
 def _default_radius(hull: Hull, sea: Sea, most: int) -> tuple[float, float, bool]:
