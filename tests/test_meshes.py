@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 import warnings
 
 import check_hull
@@ -347,14 +346,25 @@ def test_a_face_index_out_of_range_is_refused(kind, tmp_path, capsys):
     assert "1 face indices lie outside 0..7" in capsys.readouterr().err
 
 
-def test_a_missing_package_is_named_with_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "collada", None)
-    monkeypatch.setattr(
-        trimesh.exchange.load, "mesh_loaders", {"dae": trimesh.exchange.dae.load_collada}
-    )
-    path = tmp_path / "a.dae"
-    path.write_text("<COLLADA/>")
-    with pytest.raises(ValueError, match=r"needs pycollada for \.dae.*pip install '\.\[meshes\]'"):
+@pytest.mark.parametrize(
+    ("kind", "text", "remedy"),
+    [
+        ("dae", "missing `pip install pycollada`", "needs pycollada for .dae"),
+        ("3mf", "No module named 'networkx'", "pip install '.[meshes]'"),
+        ("step", "No module named 'cascadio'", "pip install cascadio"),
+        ("obj", "No module named 'charset_normalizer'", "it is no .obj"),
+    ],
+)
+def test_a_missing_package_is_named_with_what_to_install(kind, text, remedy, tmp_path, monkeypatch):
+    """With the words of trimesh."""
+
+    def load(*arguments: object, **options: object) -> None:
+        raise ImportError(text)
+
+    monkeypatch.setattr(trimesh, "load", load)
+    path = tmp_path / f"a.{kind}"
+    path.touch()
+    with pytest.raises(ValueError, match=re.escape(remedy)):
         read_surface(path)
 
 
