@@ -143,6 +143,13 @@ def test_a_drifting_mean_is_not_settled():
     assert not mean_of_correlated(np.linspace(0.0, 1.0, 1000)).settled
 
 
+def test_the_fewest_samples_are_as_many_batches():
+    series = np.random.default_rng(1).normal(size=16)
+    mean = mean_of_correlated(series)
+    assert (mean.batches, mean.batch) == (16, 1)
+    assert mean.error == pytest.approx(series.std(ddof=1) / 4.0)
+
+
 def test_a_mean_of_too_few_samples_is_refused():
     with pytest.raises(ValueError, match="15 samples"):
         mean_of_correlated(np.zeros(15))
