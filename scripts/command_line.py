@@ -221,7 +221,7 @@ class Progress:
             left = spent * (self._total - self.n) / (self.n - self._before)
             if left > NOTED_SECONDS:
                 takes = f"{left / 60.0:.0f} minutes" if left < 7200.0 else f"{left / 3600.0:.1f} h"
-                say(f"{self._total:g} {self._unit}: at this speed they take about {takes} more")
+                say(f"note: {self._total:g} {self._unit}: about {takes} more at this speed")
 
 
 def print_table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

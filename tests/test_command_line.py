@@ -135,8 +135,8 @@ def test_tables_align_names_left_and_numbers_right(capsys):
 
 
 @pytest.mark.parametrize(("quiet", "total", "lines"), [
-    (False, 1e5, ["bunny.py: 100000 s: at this speed they take about 5.6 h more"]),
-    (False, 1e3, ["bunny.py: 1000 s: at this speed they take about 3 minutes more"]),
+    (False, 1e5, ["bunny.py: note: 100000 s: about 5.6 h more at this speed"]),
+    (False, 1e3, ["bunny.py: note: 1000 s: about 3 minutes more at this speed"]),
     (False, 200.0, []), (True, 1e5, []),
 ])  # fmt: skip
 def test_long_work_says_how_long_it_takes_off_a_terminal(quiet, total, lines, monkeypatch, capsys):

@@ -98,13 +98,13 @@ def test_forces_hold_up_to_the_fold(steepness, pressure, monkeypatch):
     for name, most in FEW.items():
         monkeypatch.setattr(patch_sizes, name, most)
     hull, sea = box((1.0, 1.0, 1.0)), Sea([Wave(steepness * 4.0 / TURN, 4.0)], pressure=pressure)
-    with pytest.warns(Note, match=r"kept to 0\.\d+ m instead .* at crests to .*e-0[3-9]"):
+    with pytest.warns(Note, match=r"kept to 0\.\d+ m instead of .* forces at crests to 0\.00"):
         method = Patches(hull, sea)
     poses = [
         (np.array([1.0 + x, 0.2, 0.3 * steepness]), np.eye(3), 0.0) for x in (-0.3, -0.02, 0.0, 0.2)
     ]
     truth = wrenches(Linear(subdivided(hull, 6), sea), poses)
-    assert errors(wrenches(method, poses), truth, method).force_max < 0.5 * LARGEST_FORCE_ERROR
+    assert errors(wrenches(method, poses), truth, method).force_max < LARGEST_FORCE_ERROR
 
 
 def test_a_force_that_does_not_hold_is_refused(monkeypatch):

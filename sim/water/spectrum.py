@@ -167,7 +167,8 @@ def equal_share_angles(spread: float, count: int) -> Array:
     if spread < NARROWEST_SPREAD:
         return np.zeros(count)
     exponent = 2.0 / spread**2 - 1.0
-    angles = np.linspace(-1.0, 1.0, 20_001) * min(np.pi, 40.0 * spread)
+    widest = min(np.pi, 40.0 * spread)
+    angles = np.linspace(-widest, widest, 20_001)
     shares = np.cumsum(np.cos(0.5 * angles) ** (2.0 * exponent))
     middles = (np.arange(count) + 0.5) / count
     return np.interp(middles, (shares - 0.5 * shares[0]) / shares[-1], angles)
