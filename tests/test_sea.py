@@ -40,6 +40,15 @@ def seas_of_steepness(steepness: float) -> list[Sea]:
     return [*seas, Sea(waves)]
 
 
+def test_heights_depend_on_nothing_but_the_arguments():
+    """Other calls leave other numbers in the memory that the solver takes for its guesses."""
+    sea, x = three_waves(0.5), np.linspace(-20.0, 20.0, 200)
+    before = sea.elevation(x, 0.3 * x, 1.0)
+    for shift in (40.0, -70.0, 300.0):
+        sea.elevation(x + shift, x - shift, 5.0)
+        assert sea.elevation(x, 0.3 * x, 1.0).tobytes() == before.tobytes()
+
+
 @pytest.mark.parametrize("steepness", [0.0, 0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95])
 def test_elevation_lies_on_the_particles_at_any_steepness(steepness):
     """At the horizontal position of a surface particle, the elevation is the particle's height."""
