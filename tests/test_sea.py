@@ -16,6 +16,7 @@ from sim.water.gerstner import (
     SUMS,
     set_labels,
     sine_cosine,
+    solve_labels,
     solve_point,
     wave_sums,
 )
@@ -38,6 +39,16 @@ def seas_of_steepness(steepness: float) -> list[Sea]:
         for share, length in zip(shares, lengths, strict=True)
     ]
     return [*seas, Sea(waves)]
+
+
+def test_an_elevation_is_solved_from_the_points_themselves():
+    """The first guess of a label is its point. Any other guess gives other last digits."""
+    sea, x = three_waves(0.5), np.linspace(-20.0, 20.0, 60)
+    guess, labels, heights = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(60)
+    set_labels(x, 0.3 * x, guess)
+    tolerance = sea.water["tolerance"][0]
+    solve_labels(x, 0.3 * x, guess, sea.components, 1.0, tolerance, 1, heights, labels)
+    np.testing.assert_array_equal(sea.elevation(x, 0.3 * x, 1.0), heights)
 
 
 @pytest.mark.parametrize("steepness", [0.0, 0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95])
