@@ -107,3 +107,17 @@ def test_a_stop_while_the_recording_is_opened_leaves_a_whole_one(
     assert status_of(*command, "--duration", 60, "--record", path) == 130
     assert len(RrdReader(path).recordings()) == 1
     assert capfd.readouterr().err.splitlines()[-1].endswith("stopped by SIGINT")
+
+
+def test_a_full_disk_leaves_the_old_recording_or_none(tmp_path, monkeypatch):
+    def fail(number: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    scene, old = Scene.load(CUBE), tmp_path / "old.rrd"
+    old.write_bytes(b"an old recording")
+    monkeypatch.setattr("os.fsync", fail)
+    for path in (old, tmp_path / "new.rrd"):
+        with pytest.raises(OSError, match=r"cannot be written \(No space left on device\)"):
+            Recorder(path, scene)
+    assert old.read_bytes() == b"an old recording"
+    assert list(tmp_path.iterdir()) == [old]

@@ -213,7 +213,7 @@ BROKEN = {
     ),
     "a folder to record to": (
         [MODELS / "cube.xml", "--record", "."],
-        "is a folder or a device; give the name of a file",
+        "is no file but a folder or a device",
     ),
     "a folder as scene": (["."], "there is no scene file ."),
     "an empty file": (["void.xml"], "MuJoCo cannot compile it"),

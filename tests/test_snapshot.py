@@ -87,7 +87,7 @@ UNUSABLE = {
     "negative": (["--time", "-1"], "--time: -1 is not a number from 0"),
     "beyond the end": (["--time", "0.6"], "which covers 0.000 to 0.500 s"),
     "too small": (["--width", "9"], "--width: 9 is not a whole number from 64 to"),
-    "too large": (["--height", "99999"], "--height: found 99999 pixels"),
+    "too large": (["--height", "99999"], "--height: 99999 is not a whole number from 64"),
     "unknown option": (["--fast"], "unrecognized arguments: --fast"),
     "a folder": (["--output", "."], "is no file but a folder or a device"),
     "no time at all": (["--timeout", "1e300"], "1e300 is not a number above 0"),

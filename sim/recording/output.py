@@ -19,6 +19,10 @@ PROGRAM = "waterline"
 VIEWER_PORT = 9876
 """Default port of a Rerun viewer."""
 
+FIRST_BYTES = 1 << 18
+"""Room [bytes] that must be left on the disk when a recording begins. Rerun never answers if it
+cannot write the beginning."""
+
 FLUSH_SECONDS = 5.0
 """Longest wait [s] for a flush of about a megabyte. Rerun's writer does not answer after it has
 failed, so it also takes this long to notice that the disk is full."""
@@ -70,6 +74,7 @@ class Output:
             sinks.append(rr.GrpcSink(f"rerun+http://127.0.0.1:{port}/proxy"))
         if path is not None:
             self._file = LockedFile(path)
+            self._file.check_room(FIRST_BYTES)
             sinks.append(rr.FileSink(self._file.path))
         try:
             stream.set_sinks(*sinks, default_blueprint=blueprint)

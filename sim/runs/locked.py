@@ -66,6 +66,16 @@ class LockedFile:
             raise_unwritable(self.name, error)
         self.check()
 
+    def check_room(self, size: int) -> None:
+        """Close the file and raise OSError if that many more bytes do not fit on the disk."""
+        before = self.size
+        try:
+            self.append(bytes(size))
+        except OSError:
+            self.close()
+            raise
+        self.cut(before)
+
     def cut(self, size: int) -> None:
         """Remove the content after a size [bytes]."""
         self._file.truncate(size)
