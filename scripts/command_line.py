@@ -211,7 +211,7 @@ class Progress:
     def __exit__(self, *error: object) -> None:
         self.bar.close()
 
-    def update(self, amount: float) -> None:
+    def update(self, amount: float = 1.0) -> None:
         """Add an amount of work that was done."""
         self.n += amount
         self.bar.update(amount)

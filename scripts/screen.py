@@ -1,12 +1,12 @@
 """Screen: shows a run at real time in MuJoCo's interactive viewer."""
 
-import sys
 import threading
 import time
 import warnings
 from types import TracebackType
 
 from sim import Sample, Scene
+from sim.platforms import has_screen
 
 CLOSING_SECONDS = 5.0
 """Longest time [s] that a closed window may take to end."""
@@ -22,8 +22,8 @@ class Screen:
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # GLFW's warning says less than the error below
-            has_screen = sys.platform != "linux" or glfw.init()
-        if not has_screen:  # MuJoCo would end the process
+            found = has_screen() and glfw.init()
+        if not found:  # MuJoCo would end the process
             raise ValueError(
                 "--view found no screen; leave it out and open the recording where there is one, "
                 "or give a virtual one: xvfb-run python scripts/run.py ..."

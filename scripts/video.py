@@ -14,6 +14,7 @@ is stopped leaves no video.
 
 import argparse
 import importlib.util
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from fractions import Fraction
@@ -88,14 +89,14 @@ CREST_CLEARANCE = 1.3
 
 def size(text: str) -> tuple[int, int]:
     """Width and height [pixels] from the command line, "WxH"."""
-    width, by, height = text.lower().partition("x")
-    found = int(width), int(height) if by else 0
-    if any(side not in SIDES or side % 2 for side in found):
+    sides = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text.lower())
+    found = tuple(map(int, sides.groups())) if sides else ()
+    if not found or any(side not in SIDES or side % 2 for side in found):
         raise argparse.ArgumentTypeError(
-            f"'{text}': expected WIDTHxHEIGHT, two even numbers from {SIDES.start} to "
+            f"'{text}' is not a size WIDTHxHEIGHT of two even numbers from {SIDES.start} to "
             f"{SIDES.stop - 1}"
         )
-    return found
+    return found[0], found[1]
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:

@@ -2,7 +2,7 @@
 
 Run as a script, this file starts the viewer with the given arguments, and kills it when standard
 input ends. The other end of standard input is a pipe, which a process cannot leave open when it
-dies, not even after SIGKILL.
+dies, not even if it is killed.
 """
 
 import os

@@ -12,6 +12,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from video import size
 
 import command_line
 from command_line import (
@@ -210,7 +211,7 @@ def test_unwritable_outputs_are_refused_before_the_work(tmp_path, monkeypatch):
     assert {path.name for path in tmp_path.iterdir()} == {"file", "pipe", "circle"}
 
 
-READERS = positive, not_negative, at_least(2, 9), named_number
+READERS = positive, not_negative, at_least(2, 9), named_number, size
 
 
 @pytest.mark.parametrize("read", READERS)
@@ -228,7 +229,7 @@ def test_scripts_read_numbers_only_by_these_readers():
             if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "add_argument":
                 kinds = [keyword.value for keyword in node.keywords if keyword.arg == "type"]
                 used |= {ast.unparse(kind).partition("(")[0] for kind in kinds}
-    assert used == {"Path", "positive", "not_negative", "at_least", "named_number"}
+    assert used == {"Path", "positive", "not_negative", "at_least", "named_number", "size"}
 
 
 @pytest.mark.parametrize("named", ["scene", "mesh"])

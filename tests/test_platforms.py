@@ -22,7 +22,8 @@ def test_no_other_module_names_a_platform():
     files = [*REPOSITORY.glob("sim/**/*.py"), *REPOSITORY.glob("scripts/**/*.py")]
     assert len(files) > 100
     naming = {path.name for path in files if re.search(NAMES, path.read_text())}
-    assert naming == {"platforms.py"}
+    # MuJoCo reads the choice of graphics.py when it is imported, as it is by sim
+    assert naming == {"platforms.py", "graphics.py"}
 
 
 @pytest.mark.parametrize(

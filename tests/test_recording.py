@@ -121,8 +121,8 @@ def test_hulls_have_their_own_surface_and_outward_normals(run):
         along = np.einsum("fi,fci->fc", flat, normals[faces])
         assert (along > 0.5 * np.linalg.norm(flat, axis=1)[:, None]).mean() > 0.99
         _, (translation,) = read(path, entity, "Transform3D:translation")
-        body = scene.model.body(f.body)
-        np.testing.assert_allclose(np.ravel(translation), body.ipos, atol=FLOAT32)
+        position = scene.model.geom(f.name).pos
+        np.testing.assert_allclose(np.ravel(translation), position, atol=FLOAT32)
 
 
 def test_the_drawn_water_is_the_surface_around_the_bodies_and_flat_at_its_edge(run):

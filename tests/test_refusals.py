@@ -17,9 +17,9 @@ import command_line
 from independent import MODELS, REPOSITORY, status_of
 from sim.mjcf.fields import METHOD, NUMERICS, PRESSURE, Number
 
-SCRIPTS = sorted(path.name for path in (REPOSITORY / "scripts").glob("*.py"))
-SCRIPTS.remove("command_line.py")
-SCRIPTS.remove("labels.py")
+SCRIPTS = sorted(
+    path.name for path in (REPOSITORY / "scripts").glob("*.py") if "def main(" in path.read_text()
+)
 
 FIELDS = {name.replace("<name>", "swell"): field for name, field in NUMERICS.items()}
 

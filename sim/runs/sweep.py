@@ -52,12 +52,13 @@ class Plan:
     keyframe: str | None = None
 
     def as_row(self) -> Row:
-        """The plan for comparison with other plans, as in JSON, with a hash of the scene's files as
-        scene."""
+        """The plan for comparison with other plans: numbers and texts, with a hash of the scene's
+        files as scene."""
         digest = sha256()
         for path in sorted(model_files(self.scene)):
             digest.update(path.read_bytes())
-        return json.loads(json.dumps(asdict(self) | {"scene": digest.hexdigest()}))
+        values = asdict(self) | {"scene": digest.hexdigest()}
+        return {name: v if isinstance(v, float) else str(v) for name, v in values.items()}
 
 
 @dataclass(frozen=True)
