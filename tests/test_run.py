@@ -161,6 +161,7 @@ class Window:
 
 def test_a_viewed_run_keeps_its_speed_and_ends_with_its_window(tmp_path, monkeypatch):
     window, waits = Window(), []
+    monkeypatch.setenv("DISPLAY", ":9")
     monkeypatch.setattr("glfw.init", lambda: True)
     monkeypatch.setattr("mujoco.viewer.launch_passive", lambda *_, **__: window)
     monkeypatch.setattr("time.sleep", waits.append)

@@ -106,8 +106,8 @@ REFUSALS = {
     "no scene": (dict(source=MODELS / "none.xml"), "there is no scene file"),
     "no recording": (dict(source=MODELS / "none.rrd"), "there is no recording file"),
     "its own input": (dict(source="a.gif", output="a.gif"), "no scene file"),
-    "odd": (("--size", "127x96"), "'127x96': expected WIDTHxHEIGHT, two even numbers"),
-    "one side": (("--size", "128"), "'128': expected WIDTHxHEIGHT"),
+    "odd": (("--size", "127x96"), "'127x96' is not a size WIDTHxHEIGHT of two even numbers"),
+    "one side": (("--size", "128"), "'128' is not a size WIDTHxHEIGHT"),
     "long": (("--duration", "1e9"), "steps of 0.002 s, more than"),
     "field": (("--set", "wave_swell=1"), "wave_swell"),
 }
