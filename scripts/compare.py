@@ -29,6 +29,7 @@ from command_line import (
     add_scene_options,
     at_least,
     check_outputs,
+    compile_in_two,
     failure,
     notes_said,
     print_table,
@@ -278,6 +279,7 @@ def main(arguments: list[str] | None = None) -> int:
         recording = options.record or Path("recordings") / f"{options.scene.stem}_twins.rrd"
     try:
         check_outputs((recording, options.json), model_files(options.scene))
+        compile_in_two()
         with notes_said():
             twins = load(options)
             first = next(iter(twins.values()))

@@ -17,6 +17,7 @@ from command_line import (
     Parser,
     check_drawable,
     check_outputs,
+    compile_in_two,
     failure,
     notes_said,
     print_table,
@@ -153,6 +154,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         check_outputs((options.json, options.figure), model_files(options.scene))
         check_drawable(options.figure)
+        compile_in_two()
         with notes_said():
             scene = Scene.load(options.scene)
         found = hydrostatics(scene)

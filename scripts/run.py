@@ -28,6 +28,7 @@ from command_line import (
     add_scene_options,
     at_least,
     check_outputs,
+    compile_in_two,
     failure,
     folded,
     notes_said,
@@ -244,6 +245,7 @@ def run_scene(path: Path, options: argparse.Namespace) -> tuple[int, dict[str, A
         check_outputs((recording, options.json, options.series), model_files(path))
         if options.series is not None:
             check_ending(options.series)
+        compile_in_two()
         with notes_said(options.quiet):
             scene = load(path, options)
             series = None if options.series is None else Series(scene)

@@ -29,6 +29,7 @@ from command_line import (
     add_scene_options,
     at_least,
     check_outputs,
+    compile_in_two,
     failure,
     json_text,
     notes_said,
@@ -177,6 +178,7 @@ def print_summary(rows: Sequence[Row], wall_s: float, path: Path) -> None:
 def sweep(plan: Plan, runs: Sequence[Run], options: argparse.Namespace, file: LockedFile) -> int:
     """Do the runs that have no row in a file, write the table, and return the exit status."""
     check_cluster(options.dask)
+    compile_in_two()
     with notes_said(options.quiet):
         check_plan(plan, runs[0])
     rows = resumed_rows(file, plan, runs, options)

@@ -33,6 +33,7 @@ from command_line import (
     Progress,
     add_scene_options,
     check_outputs,
+    compile_in_two,
     failure,
     notes_said,
     positive,
@@ -335,6 +336,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check(options)
+        compile_in_two()
         with notes_said(options.quiet):
             pictures = prepared(options)
         with stops_held() as check_stops, notes_said(options.quiet):

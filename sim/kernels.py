@@ -193,20 +193,23 @@ inline: Any = njit(inline="always")
 
 @contextmanager
 def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
-    """A block in which `tell` is called when the first kernel is compiled. Loading a kept kernel
+    """A block in which `tell` is called whenever a kernel begins to compile. Loading a kept kernel
     does not count."""
-    with event.install_listener("numba:compile", _FirstOne(tell)):
+    with event.install_listener("numba:compile", _Listener(tell)):
         yield
 
 
-class _FirstOne(event.Listener):
+def kept_kernels() -> int:
+    """The number of compiled kernels in CACHE."""
+    return sum(1 for _ in CACHE.rglob("*.nbc"))
+
+
+class _Listener(event.Listener):
     def __init__(self, tell: Callable[[], None]) -> None:
-        self._tell: Callable[[], None] | None = tell
+        self._tell = tell
 
     def on_start(self, begun: event.Event) -> None:
-        tell, self._tell = self._tell, None
-        if tell is not None:
-            tell()
+        self._tell()
 
     def on_end(self, ended: event.Event) -> None:
         pass

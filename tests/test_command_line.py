@@ -21,6 +21,7 @@ from command_line import (
     Stopped,
     at_least,
     check_outputs,
+    compile_in_two,
     named_number,
     not_negative,
     notes_said,
@@ -247,3 +248,15 @@ def test_numbers_that_are_not_finite_are_null_in_json(tmp_path):
     write_json(tmp_path / "a.json", report)
     read = json.loads((tmp_path / "a.json").read_text(), parse_constant=pytest.fail)
     assert read == {"a": [1.5, None], "b": {"c": [None, 2]}, "d": None, "e": "inf"}
+
+
+def test_a_second_process_compiles_only_if_nothing_is_compiled(monkeypatch):
+    assert not compile_in_two()
+    started = []
+    monkeypatch.setattr(subprocess, "Popen", lambda command, **_: started.append(command))
+    monkeypatch.setattr("sim.kernels.kept_kernels", lambda: 0)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    assert compile_in_two()
+    names = {}
+    exec(started[0][-1], names)
+    assert names["model"].nplugin == 1

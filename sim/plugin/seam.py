@@ -15,14 +15,15 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import cache
-from threading import Thread, Timer
+from threading import Thread
+from time import monotonic
 from typing import TypeVar
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.kernels import CFunction, when_compiling
+from sim.kernels import CFunction, kept_kernels, when_compiling
 from sim.mjcf.checks import check_physics
 from sim.mjcf.faults import Faults, ModelError
 from sim.mjcf.floats import first_state
@@ -67,6 +68,9 @@ POSITION_STAGE = 1
 
 NOTICE_SECONDS = 2.0
 """Time of compiling after which a notice is printed."""
+
+KERNEL_COUNT = 115
+"""Number of kernels of a first run, for the notice."""
 
 
 class Plugin(ctypes.Structure):
@@ -188,20 +192,26 @@ def _look_at(model: int, context: Context) -> None:
 
 @contextmanager
 def _notice_of_compiling() -> Iterator[None]:
-    """Print a notice if compiling kernels takes long, once in a process."""
-    timer = Timer(NOTICE_SECONDS, _print_notice)
-    timer.daemon = True
-    try:
-        with when_compiling(timer.start):
+    """Say that kernels are compiled, if that takes long: one line, which counts them on a
+    terminal."""
+    begun, is_terminal, is_said = monotonic(), sys.stderr.isatty(), False
+
+    def tell() -> None:
+        nonlocal is_said
+        if monotonic() - begun < NOTICE_SECONDS or (is_said and not is_terminal):
+            return
+        is_said = True
+        text = "waterline: compiling its kernels, which takes about a minute, once on this machine"
+        if is_terminal:
+            text = f"\r{text}: {kept_kernels()} of about {KERNEL_COUNT}"
+        print(text, end="" if is_terminal else "\n", file=sys.stderr, flush=True)
+
+    with when_compiling(tell):
+        try:
             yield
-    finally:
-        timer.cancel()
-
-
-@cache
-def _print_notice() -> None:
-    text = "waterline: compiling its kernels, which takes about a minute, once on this machine"
-    print(text, file=sys.stderr, flush=True)
+        finally:
+            if is_said and is_terminal:
+                print(file=sys.stderr)
 
 
 # Functions that MuJoCo calls
