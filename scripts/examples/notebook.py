@@ -2,9 +2,9 @@
 # # A run in a notebook
 #
 # VS Code opens this file as a notebook, and so does Jupyter with Jupytext. It also runs as a
-# program. It needs `pip install '.[report]'` for the plot and, for the picture, a graphics driver:
-# on a machine without a screen, set `MUJOCO_GL=osmesa` (Debian's libosmesa6) or `MUJOCO_GL=egl`
-# before Python starts.
+# program. It needs `pip install '.[report,notebook]'` for the plot and Rerun's viewer and, for the
+# picture, a graphics driver: on a machine without a screen, set `MUJOCO_GL=osmesa` (Debian's
+# libosmesa6) or `MUJOCO_GL=egl` before Python starts.
 
 # %%
 from pathlib import Path
@@ -14,17 +14,23 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from sim import Scene, simulate
+from sim import Recorder, Scene, simulate
 
 here = Path(__file__).parent if "__file__" in globals() else Path.cwd()
 scene = Scene.load(here.resolve().parents[1] / "models" / "bunny.xml")
 
 # %% [markdown]
-# Run it for ten seconds and keep what the plot needs. The Rerun viewer would go into this cell: a
-# `Recorder` logs each sample.
+# Run it for ten seconds and record it. The cell shows the recording in Rerun's viewer.
 
 # %%
-samples = list(simulate(scene, duration=10.0))
+samples = []
+with Recorder("bunny.rrd", scene) as recorder:
+    for sample in simulate(scene, duration=10.0):
+        recorder.log(sample)
+        samples.append(sample)
+recorder  # noqa: B018  the notebook shows it
+
+# %%
 times = np.array([sample.time for sample in samples])
 heights = np.array([[sample.centres[0, 2], sample.elevations[0]] for sample in samples])
 tilts = np.degrees([sample.tilts[0] for sample in samples])
@@ -49,4 +55,4 @@ try:
         picture = Image.fromarray(renderer.render())
 except Exception as error:  # each driver has its own errors
     print(f"no picture: {error}")
-picture  # noqa: B018  the notebook shows it
+picture  # noqa: B018
