@@ -97,7 +97,7 @@ def add_scene_options(parser: argparse.ArgumentParser, many: bool = False) -> No
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument(
         "--buoyant", action="append", default=[], metavar="BODY",
-        help="a body that floats, with all bodies below it; for files without water, URDF too",
+        help="a body that floats, with all bodies below it; for MJCF and URDF files without water",
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], dest="settings",
@@ -203,7 +203,7 @@ class Progress:
             dynamic_ncols=True, disable=quiet or not sys.stderr.isatty(),
         )  # fmt: skip
         self.n, self._total, self._unit = done, total, unit
-        self._before, self._started = done, perf_counter()
+        self._before, self._started = done, math.nan
         self._has_said = quiet or not self.bar.disable
 
     def __enter__(self) -> Self:
@@ -216,6 +216,9 @@ class Progress:
         """Add an amount of work that was done."""
         self.n += amount
         self.bar.update(amount)
+        if math.isnan(self._started):  # what came before the first piece may be compiling
+            self._before, self._started = self.n, perf_counter()
+            return
         spent = perf_counter() - self._started
         if not self._has_said and spent > MEASURED_SECONDS and self.n > self._before:
             self._has_said = True
@@ -384,4 +387,7 @@ def run_script(main: Callable[[], int]) -> NoReturn:
         status = BROKEN_PIPE
     except (OSError, Stopped) as error:
         status = failure(error)
+    for helper in _helpers:
+        helper.kill()
+        helper.wait()
     sys.exit(status)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from command_line import (
     Parser,
+    add_scene_options,
     check_drawable,
     check_outputs,
     compile_in_two,
@@ -22,6 +23,7 @@ from command_line import (
     notes_said,
     print_table,
     run_script,
+    scene_options,
     write_json,
     write_whole,
 )
@@ -71,7 +73,8 @@ ARM_STEP = 15.0
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(__doc__)
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF file")
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="an MJCF or URDF file")
+    add_scene_options(parser)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to this file")
     parser.add_argument(
         "--figure", type=Path, metavar="FILE.png", help="draw righting arms and hulls at rest"
@@ -156,7 +159,7 @@ def main(arguments: list[str] | None = None) -> int:
         check_drawable(options.figure)
         compile_in_two()
         with notes_said():
-            scene = Scene.load(options.scene)
+            scene = Scene.load(options.scene, settings=options.settings, **scene_options(options))
         found = hydrostatics(scene)
     except (ValueError, OSError) as error:
         return failure(error)

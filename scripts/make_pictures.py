@@ -35,9 +35,11 @@ TIMES = {
 EXTRA_TIME = 1.0
 """Seconds that are recorded after the picture's time, so that the plots continue."""
 
-WINDOW_SIZE = (1600, 900)
+WINDOW_SIZE = (1600, 928)
+TABS_HEIGHT = 28
 LARGE_SIZE, SMALL_SIZE = (1000, 562), (720, 405)
-"""Sizes [pixels] of the window, of the pictures in the README and of the others."""
+"""Sizes [pixels] of the window, of its row of tabs, which is cut off, of the pictures in the README
+and of the others."""
 
 IN_README = ("bunny", "trio")
 
@@ -55,7 +57,7 @@ def make_picture(name: str, output: Path) -> int:
         asked = [str(recording), "--time", str(TIMES[name]), "--output", str(picture), *size]
         if status := snapshot(asked):
             return status
-        image = Image.open(picture).convert("RGB")
+        image = Image.open(picture).convert("RGB").crop((0, TABS_HEIGHT, *WINDOW_SIZE))
         pixels = LARGE_SIZE if name in IN_README else SMALL_SIZE
         image = image.resize(pixels, Image.Resampling.LANCZOS)
         output.parent.mkdir(parents=True, exist_ok=True)

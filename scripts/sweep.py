@@ -156,7 +156,7 @@ def print_summary(rows: Sequence[Row], wall_s: float, path: Path) -> None:
     seconds = sum(row["seconds"] for row in rows)
     other_seconds = sum(row["seconds"] - row["stepping_seconds"] for row in rows)
     if held:
-        names = [n for n in held[0] if n.endswith((" std", " drift x", "period"))]
+        names = [n for n in held[0] if n.endswith((" std", " drift x", " period"))]
         columns = as_columns(held)
         cells = [
             (name, *(f"{f(columns[name]):.4g}" for f in (np.nanmin, np.nanmean, np.nanmax)))

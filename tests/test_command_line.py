@@ -253,6 +253,7 @@ def test_numbers_that_are_not_finite_are_null_in_json(tmp_path):
 def test_a_second_process_compiles_only_if_nothing_is_compiled(monkeypatch):
     assert not compile_in_two()
     started = []
+    monkeypatch.setattr(command_line, "_helpers", [])
     monkeypatch.setattr(subprocess, "Popen", lambda command, **_: started.append(command))
     monkeypatch.setattr("sim.kernels.kept_kernels", lambda: 0)
     monkeypatch.setattr(os, "cpu_count", lambda: 2)

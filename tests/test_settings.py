@@ -89,7 +89,7 @@ def test_seed_belongs_to_the_irregular_sea():
     [
         ("wave_swell", "expected NAME=VALUE"),
         ("=1", "expected NAME=VALUE"),
-        ("water_densty=1000", "unknown; expected wave_<name>, sea_jonswap"),
+        ("water_densty=1000", "unknown; expected water_density: correct"),
         ("water_density=heavy", "'heavy' is not a row of numbers"),
         ("wave_swell=1 2", "has 2 numbers; expected 4"),
         ("wave_swell.height=1", "has the numbers amplitude, wavelength, heading, phase"),

@@ -212,12 +212,14 @@ def test_an_incomplete_row_is_removed_before_more_follow():
     assert size == len(complete)
 
 
-def test_the_summary_omits_columns_without_numbers(tmp_path, capsys):
+def test_the_summary_omits_settings_and_columns_without_numbers(tmp_path, capsys):
     """A run too short for two upcrossings has no period, and gives no warning."""
     arguments = ("--output", tmp_path / "a.csv", "--duration", "1", "--warm-up", "0.5")
-    assert status_of("sweep.py", MODELS / "cube.xml", *arguments) == 0
+    sea = ("--set", "sea_bretschneider=0.1 2", "--set", "sea_bretschneider.peak_period=3")
+    assert status_of("sweep.py", MODELS / "cube.xml", *arguments, *sea) == 0
     printed = capsys.readouterr().out
     assert "nan" not in printed
+    assert "peak_period" not in printed
     assert "cube heave std" in printed
 
 

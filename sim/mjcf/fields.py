@@ -369,7 +369,10 @@ def check_text(name: str, content: str) -> None:
 
 
 def refuse_unknown(kind: str, name: str, known: str) -> NoReturn:
-    raise ValueError(f"custom {kind} '{name}' is unknown; expected {known}: correct or rename it")
+    expected = nearest(name) or known
+    raise ValueError(
+        f"custom {kind} '{name}' is unknown; expected {expected}: correct or rename it"
+    )
 
 
 def _names(table: dict[str, NumericField] | dict[str, TextField]) -> list[str]:

@@ -25,6 +25,9 @@ MOST_NAMED = 3
 NOTED_SHARE = 1e-4
 """Share of the smaller hull's volume: a note is given if two hulls share more than this."""
 
+NOTED_UNION_SHARE = 1e-2
+"""Share of a united hull's volume: a union is noted if it removes more than this."""
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -83,11 +86,12 @@ def united_shapes(model: mujoco.MjModel, shapes: Sequence[Shape]) -> tuple[list[
             hull_of_geom = hull.moved(rotation.T, -rotation.T @ position)
             geoms = tuple(g for i in group for g in members[i].geoms)
             results.append(replace(first, geoms=geoms, name=" + ".join(names), hull=hull_of_geom))
-            notes.append(
-                f"{_listed(names)} overlap and are united: separate hulls "
-                f"would count {_percentage(twice, hull.volume)} of the volume twice "
-                "(numeric 'buoyancy_union' 0 keeps them separate)"
-            )
+            if twice > NOTED_UNION_SHARE * hull.volume:
+                notes.append(
+                    f"{_listed(names)} overlap and are united: separate hulls "
+                    f"would count {_percentage(twice, hull.volume)} of the volume twice "
+                    "(numeric 'buoyancy_union' 0 keeps them separate)"
+                )
             notes += [f"{_listed(names)} are united: {change}" for change in hull.changes]
     order = {g: i for i, shape in enumerate(shapes) for g in shape.geoms}
     return sorted(results, key=lambda shape: order[shape.geoms[0]]), notes

@@ -201,7 +201,7 @@ def _notice_of_compiling() -> Iterator[None]:
         if monotonic() - begun < NOTICE_SECONDS or (is_said and not is_terminal):
             return
         is_said = True
-        text = "waterline: compiling its kernels, which takes about a minute, once on this machine"
+        text = "waterline: compiling its kernels, which takes a minute or two, once on this machine"
         if is_terminal:
             text = f"\r{text}: {kept_kernels()} of about {KERNEL_COUNT}"
         print(text, end="" if is_terminal else "\n", file=sys.stderr, flush=True)

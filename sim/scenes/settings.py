@@ -105,7 +105,10 @@ class _Changes:
             known = [n.removeprefix(prefix) for n in self._numerics if n.startswith(prefix)]
             if field not in known:
                 has = ", ".join(known) or "none"
-                raise ValueError(f"the scene has no numeric '{field}'; it has {has}")
+                raise ValueError(
+                    f"the scene has no numeric '{field}'; it has {has}: set all numbers of "
+                    f"'{field}' at once"
+                )
             values = self._numerics[prefix + field]
             self._set(prefix, field, _with_number(values, field, number, value))
         elif _is_text(name, value):
