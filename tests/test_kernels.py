@@ -59,6 +59,7 @@ def test_a_block_is_read_only_and_its_tables_are_aligned_to_cache_lines():
 def run(folder: Path, code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run Python in a folder with its own cache and a package `sim` with kernels.py only."""
     (folder / "sim").mkdir(exist_ok=True)
+    (folder / "sim" / "__init__.py").touch()  # or an installed package would come first
     for name in ("kernels.py", "addresses.py", "platforms.py"):
         shutil.copy(REPOSITORY / "sim" / name, folder / "sim")
     variables = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache")} | environment
