@@ -273,9 +273,9 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check_outputs([options.output], [*options.files, *filter(None, [options.over])])
-        check_drawable(options.output)
         runs = read_runs(options.files)
         measured = read_measured(options.over, runs) if options.over else {}
+        check_drawable(options.output)
         write_whole(options.output, lambda beside: draw(runs, measured, beside))
     except (ValueError, OSError) as error:
         return failure(error)
