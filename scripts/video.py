@@ -44,6 +44,8 @@ from command_line import (
 )
 from sim import DivergenceError, Scene, simulate
 from sim.mjcf.files import model_files
+from sim.plugin.picture import HORIZON, HORIZON_SHARPNESS, ZENITH
+from sim.recording.framing import corners
 from sim.recording.reader import whole
 from sim.runs.simulation import check_run
 from sim.scenes.spec import read_spec
@@ -64,9 +66,6 @@ SCENE_SECONDS = 10.0
 
 SECONDS_PER_PICTURE, SECONDS_TO_START = 10.0, 120.0
 """Longest time [s] that Rerun's viewer may take for a picture, and to load a recording."""
-
-HORIZON, ZENITH = np.array([214, 232, 242]), np.array([51, 115, 209])
-"""Colours of the sky, about those that the water reflects (`sim.plugin.picture`)."""
 
 SKY_PIXELS = 256
 """Side of each of the six pictures of the sky [pixels]."""
@@ -123,9 +122,12 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     options.output = options.output or Path("recordings") / f"{options.source.stem}.mp4"
     options.size = options.size or (VIDEO_SIZE if options.output.suffix == ".mp4" else LOOP_SIZE)
-    changes = options.settings or options.timestep or options.densities or options.keyframe
-    if options.source.suffix == ".rrd" and changes:
-        parser.error("--set, --timestep, --density and --keyframe change a scene, not a recording")
+    if options.source.suffix == ".rrd" and (
+        options.settings or any(scene_options(options).values())
+    ):
+        parser.error(
+            "--buoyant, --set, --density, --timestep and --keyframe change a scene, not a recording"
+        )
     return options
 
 
@@ -133,14 +135,16 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def sky() -> bytes:
-    """A sky for MuJoCo: six square pictures (right, left, up, down, front, back), each RGB."""
+    """The sky that the water reflects, for MuJoCo: six square pictures (right, left, up, down,
+    front, back), each RGB."""
     across = (np.arange(SKY_PIXELS) + 0.5) / SKY_PIXELS * 2.0 - 1.0
     right, up = np.meshgrid(across, -across)
     one = np.ones_like(up)
     heights = np.stack([up, up, one, -one, up, up])  # of the direction of each pixel
     lengths = np.sqrt(1.0 + right**2 + up**2)
-    to_zenith = 1.0 - np.exp(-3.2 * np.clip(heights / lengths, 0.0, 1.0))
-    colours = HORIZON + to_zenith[..., None] * (ZENITH - HORIZON)
+    to_zenith = 1.0 - np.exp(-HORIZON_SHARPNESS * np.clip(heights / lengths, 0.0, 1.0))
+    horizon, zenith = 255.0 * np.array(HORIZON), 255.0 * np.array(ZENITH)
+    colours = horizon + to_zenith[..., None] * (zenith - horizon)
     return colours.round().astype(np.uint8).tobytes()
 
 
@@ -167,24 +171,16 @@ class Follower:
     """A camera that follows what floats. `camera` is MuJoCo's."""
 
     def __init__(self, scene: Scene) -> None:
-        model = scene.model
-        roots = model.body_rootid[scene.buoyancy.bodies]
-        is_seen = np.isin(model.body_rootid[model.geom_bodyid], roots) & (model.geom_group < 3)
-        self._geoms = np.flatnonzero(is_seen & (model.geom_rbound > 0.0))
         self._scene, self._time = scene, scene.data.time
         self._target, self._radius = self._seen()
-        self._half_view = np.tan(np.radians(0.5 * model.vis.global_.fovy))
+        self._half_view = np.tan(np.radians(0.5 * scene.model.vis.global_.fovy))
         self.camera = mujoco.MjvCamera()
         self.camera.azimuth = AZIMUTH
 
     def _seen(self) -> tuple[NDArray[np.float64], float]:
         """The middle (3,) [m] of what floats, and half the diagonal [m] of its bounding box."""
-        model, data, geoms = self._scene.model, self._scene.data, self._geoms
-        turns = data.geom_xmat[geoms].reshape(-1, 3, 3)
-        boxes = model.geom_aabb[geoms].reshape(-1, 2, 3, 1)
-        centres = data.geom_xpos[geoms] + (turns @ boxes[:, 0])[..., 0]
-        halves = (np.abs(turns) @ boxes[:, 1])[..., 0]
-        low, high = (centres - halves).min(axis=0), (centres + halves).max(axis=0)
+        points = corners(self._scene)
+        low, high = points.min(axis=0), points.max(axis=0)
         return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
 
     def move(self) -> None:
@@ -251,6 +247,7 @@ def prepared(options: argparse.Namespace) -> Iterator[Picture]:
     """The pictures of the source, made one by one, and the duration [s] set where it was not."""
     if options.source.suffix != ".rrd":
         options.duration = options.duration or SCENE_SECONDS
+        compile_in_two()
         return scene_pictures(load(options), options)
     start, end = snapshot.recorded_span(options.source)
     options.duration = min(options.duration or np.inf, end - start)
@@ -336,7 +333,6 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
         check(options)
-        compile_in_two()
         with notes_said(options.quiet):
             pictures = prepared(options)
         with stops_held() as check_stops, notes_said(options.quiet):

@@ -36,12 +36,12 @@ class Framing:
     """
 
     def __init__(self, scene: Scene) -> None:
-        corners = _corners(scene)
+        points = corners(scene)
         middle = np.append(
             scene.data.xipos[scene.buoyancy.bodies, :2].mean(axis=0),
-            0.5 * (corners[:, 2].min() + corners[:, 2].max()),
+            0.5 * (points[:, 2].min() + points[:, 2].max()),
         )
-        from_middle = corners - middle
+        from_middle = points - middle
         reach = float(np.hypot(*from_middle[:, :2].T).max())
         right = np.cross([0.0, 0.0, 1.0], EYE_DIRECTION)
         right /= np.linalg.norm(right)
@@ -59,7 +59,7 @@ class Framing:
         return [x, y, level + float(np.sign(z - level)) * max(abs(z - level) - slack, 0.0)]
 
 
-def _corners(scene: Scene) -> Array:
+def corners(scene: Scene) -> Array:
     """Corners (8 N, 3) [m] of the boxes around all geoms of the floating bodies, and of the bodies
     that are joined to them."""
     model, data = scene.model, scene.data
@@ -68,6 +68,6 @@ def _corners(scene: Scene) -> Array:
     geoms = np.flatnonzero(np.isin(model.body_rootid[model.geom_bodyid], roots))
     signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(8, 3)
     boxes = model.geom_aabb[geoms].reshape(-1, 2, 3)
-    corners = boxes[:, :1] + signs * boxes[:, 1:]
+    of_geoms = boxes[:, :1] + signs * boxes[:, 1:]
     axes = data.geom_xmat[geoms].reshape(-1, 3, 3)
-    return (corners @ np.swapaxes(axes, 1, 2) + data.geom_xpos[geoms, None]).reshape(-1, 3)
+    return (of_geoms @ np.swapaxes(axes, 1, 2) + data.geom_xpos[geoms, None]).reshape(-1, 3)
