@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry import areas, distinct_points
+from sim.geometry import distinct_points
 from sim.hulls.solids import (
     TOUCHING_SHARE,
     Surface,
@@ -23,8 +23,7 @@ from sim.hulls.solids import (
     signed_volume,
     union_of,
 )
-from sim.hulls.specks import FLAT_SHARE, without_specks
-from sim.hulls.tidying import size_of
+from sim.hulls.specks import is_flat, without_specks
 from sim.hulls.topology import collapsed, compacted, edge_fault, joined, parts_of
 
 Array = NDArray[np.float64]
@@ -97,17 +96,12 @@ def _shells(vertices: Array, faces: Indices) -> Shells:
     fault = edge_fault(faces)
     if fault and any(map(edge_fault, parts)):  # without the second, closed shells touch at edges
         raise ValueError(fault)
-    volumes = [signed_volume(vertices, part) for part in parts]
-    flatness = FLAT_SHARE * size_of(vertices)
-    flat = sum(
-        abs(volume) <= flatness * areas(vertices[part]).sum()
-        for volume, part in zip(volumes, parts, strict=True)
-    )
-    if flat:
+    if flat := sum(is_flat(vertices, part) for part in parts):
         raise ValueError(
             f"{flat} of {len(parts)} closed parts of the surface enclose no volume; "
             "give a flat body some thickness"
         )
+    volumes = [signed_volume(vertices, part) for part in parts]
     sides = [], []
     for volume, part in zip(volumes, parts, strict=True):
         sides[volume < 0.0].append(part)

@@ -84,9 +84,14 @@ def places(vertices: Array, parts: Sequence[Indices] | Indices) -> str:
     return " and ".join("({:.4g}, {:.4g}, {:.4g})".format(*point) for point in middles)
 
 
+def is_flat(vertices: Array, part: Indices) -> bool:
+    """Whether a closed part of a surface encloses no volume."""
+    round_off = FLAT_SHARE * areas(vertices[part]).sum() * size_of(vertices)
+    return bool(abs(signed_volume(vertices, part)) <= round_off)
+
+
 def _encloses(vertices: Array, part: Indices) -> bool:
     """Whether a part is closed and faces outward around a volume."""
-    if edge_fault(part):
+    if edge_fault(part) or is_flat(vertices, part):
         return False
-    flat = FLAT_SHARE * areas(vertices[part]).sum() * size_of(vertices)
-    return signed_volume(vertices, part) > flat
+    return signed_volume(vertices, part) > 0.0
