@@ -156,7 +156,7 @@ class SeaSurface:
     def _far_sea(self) -> tuple[Array, Indices, NDArray[np.uint32]]:
         """The far sea, which is opaque and at its inner edge has the colour of the water above
         DEEP_COLOUR."""
-        count = len(_circle(self.radius, 6 * round(self.inner / self.cell)))
+        count = 6 * round(self.inner / self.cell)
         share = np.linspace(0.0, 1.0, FAR_RINGS)
         circles = [_circle(self.radius * HORIZON**s, count) for s in share]
         points = np.column_stack([np.concatenate(circles), np.zeros(count * FAR_RINGS)])
