@@ -61,9 +61,11 @@ DIRECTORY = 16 * MOST_TABLES
 
 
 def _stamp_of_sources() -> str:
-    """A hash of the sources of all kernels and of numba's version."""
-    digest = sha256(numba.__version__.encode())
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
+    """A hash of the sources of all kernels, of their folder and of numba's version. numba keeps the
+    code of each folder apart."""
+    folder = Path(__file__).parent
+    digest = sha256(f"{numba.__version__} {folder}".encode())
+    for path in sorted(folder.rglob("*.py")):
         content = path.read_bytes()
         if b"kernel" in content:
             digest.update(content)
