@@ -1,5 +1,5 @@
-"""Platforms: what Linux, macOS and Windows do differently. No other module names one of them, nor a
-library or a function that only some of them have.
+"""Platforms: what Linux, macOS and Windows do differently. No other module of the package names
+one of them, nor a library or a function that only some of them have.
 
 The functions take the name of the system, as in `sys.platform`, so that tests can give another one.
 """

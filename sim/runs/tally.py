@@ -23,8 +23,8 @@ class Tally:
         tally.add(sample)
     tally.bodies()
 
-    warm_up [s]: samples before this time from the first one do not count. If there is none after
-    it, all samples count.
+    warm_up [s]: time after the first sample in which samples do not count. If a run is shorter, all
+    of its samples count.
     """
 
     def __init__(self, scene: Scene, warm_up: float = 0.0) -> None:
@@ -80,8 +80,8 @@ class Tally:
         """For each floating body, as numbers for JSON: mean_height [m] of the centre of mass,
         mean_tilt_deg, mean_submerged_fraction, mean_force_over_weight (vertical, over its weight
         with all bodies that are welded to it), final_position (3) [m] and final_quaternion (4) of
-        its frame; and for each of MOTIONS its mean, std, and
-        largest: the value of the largest size, with its sign."""
+        its frame; and for each of MOTIONS its mean, std and largest, which is the value of the
+        largest size, with its sign."""
         if self.last is None:
             return {}
         deviations = np.sqrt(self._squares / self._count)
