@@ -88,6 +88,8 @@ def test_files_and_measurements_are_compared_at_common_times(tmp_path, monkeypat
     ],
 )
 def test_other_measurements_are_refused_in_one_line(text, message, tmp_path, capsys):
+    if message.startswith("lasts"):  # found when the figure is made
+        pytest.importorskip("matplotlib")
     made_series(tmp_path / "a.csv", np.arange(10.0), np.zeros(10))
     (tmp_path / "m.csv").write_text(text)
     assert status_of("plot.py", tmp_path / "a.csv", "--over", tmp_path / "m.csv") == 2
