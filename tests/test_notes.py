@@ -428,18 +428,18 @@ def test_a_tank_of_plates_is_dry_inside():
 
 
 def test_specks_of_a_mesh_are_noted_and_a_refusal_names_its_file(tmp_path):
-    file = tmp_path / "m.obj"
-    mesh = f'<mesh name="m" inertia="{{}}" file="{file}"/>'
+    file, ship_file = tmp_path / "m.obj", tmp_path / "ship.obj"  # MuJoCo keeps a file for seconds
+    mesh = '<mesh name="m" inertia="legacy" file="{}"/>'
     body = '<body><freejoint/><geom name="g" type="mesh" mesh="m" density="500"/></body>'
     ship = made_hulls.ship()
-    made_hulls.SPECKS["a triangle outside"](ship).export(file)
+    made_hulls.SPECKS["a triangle outside"](ship).export(ship_file)
     with pytest.warns(Note, match=r"mesh 'm'\): specks left out: 1 faces, 1.6e-05 % of the area"):
-        (found,) = Buoyancy.of(model(body, ("g",), assets=mesh.format("legacy"))).floats
+        (found,) = Buoyancy.of(model(body, ("g",), assets=mesh.format(ship_file))).floats
     single_precision = 1e-5
     assert found.method.hull.volume == pytest.approx(ship.volume, rel=single_precision)
     made_hulls.without_top(made_hulls.box([1, 1, 1])).export(file)
     with pytest.raises(ValueError, match=f"not closed.*check_hull.py {file} --repair OUT"):
-        model(body, ("g",), assets=mesh.format("legacy"))
+        model(body, ("g",), assets=mesh.format(file))
 
 
 def test_overlapping_shells_of_a_mesh_are_noted(tmp_path):
