@@ -195,6 +195,7 @@ def _repair(
     for fault in found.faults:
         say(f"{options.file}: {fault}")
     if found.faults or found.hull is None:
+        say(f"{options.repair} was not written")
         return UNUSABLE_INPUT
     export(found.hull, options.repair)
     print(f"\nwritten: {options.repair}")

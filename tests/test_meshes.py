@@ -274,7 +274,9 @@ def test_the_script_leaves_out_sheets_if_asked(tmp_path, capsys):
     fin = [[0.5, 0, 0], [1.5, 0, 0], [1.5, 0, 1]]
     made_hulls.with_faces(made_hulls.box([1, 1, 1]), fin).export(file)
     assert run(file, "--repair", out) == 2
-    assert "leave them out with --drop-sheets" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "leave them out with --drop-sheets" in error
+    assert f"{out} was not written" in error
     assert run(file, "--repair", out, "--drop-sheets") == 0
     assert "sheets left out: 1 faces" in capsys.readouterr().out
     assert Hull(*read_surface(out)).volume == pytest.approx(1.0, rel=ROUND_OFF)
