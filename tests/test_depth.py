@@ -2,6 +2,7 @@
 
 import warnings
 
+import mujoco
 import numpy as np
 import pytest
 import trimesh
@@ -225,6 +226,33 @@ def test_the_field_is_read_and_written():
     assert sea == Sea([Wave(0.05, 6.0)], sea.density, sea.gravity, sea.level, depth=0.8)
     assert fields_of(sea)["water_depth"] == [0.8]
     assert "water_depth" not in fields_of(Sea())
+
+
+@pytest.mark.parametrize("depth", KNOWN)
+def test_gauge_and_drag_see_the_known_water(depth):
+    """A gauge reads the known answers. The drag of a small ball is its drag in a current of the
+    known velocity."""
+    _, elevation, head, _, (along, up) = KNOWN[depth]
+    ball = """<body name="ball" pos="0.7 0 -0.2"><freejoint/><site name="bow"/>
+      <geom name="ball" size="0.01" density="1025"/></body>"""
+    gauge = """<extension><plugin plugin="waterline.gauge"/></extension>
+      <sensor><plugin name="bow" plugin="waterline.gauge" objtype="site" objname="bow"/></sensor>"""
+    wave = '<numeric name="wave_a" data="0.1 6 0 20"/>'
+    drag = '<numeric name="drag" data="0 1 0"/>'
+    bottom = f'<numeric name="water_depth" data="{depth}"/>'
+    current = f'<numeric name="water_current" data="{along} 0 {up}"/>'
+    drags = []
+    for custom in (wave + bottom + drag, current + drag):
+        scene = afloat(ball, ("ball",), custom, extra=gauge)
+        scene.data.time = 0.4
+        mujoco.mj_forward(scene.model, scene.data)
+        if custom.startswith(wave):
+            known = [elevation, head, along, 0.0, up]
+            printed = 6e-10
+            np.testing.assert_allclose(scene.data.sensor("bow").data, known, atol=printed)
+        drags.append(scene.buoyancy.drag_wrenches(scene.data)[0, :3])
+    size_over_wavelength = 1e-3
+    np.testing.assert_allclose(*drags, atol=size_over_wavelength * np.linalg.norm(drags[1]))
 
 
 def test_a_body_that_starts_below_the_bottom_is_noted():

@@ -20,8 +20,8 @@ SIGMAS standard deviations are less."""
 
 
 DEEP_PHASE = 20.0
-"""k H from which a wave counts as one on deep water. There, tanh(k H) is 1 to the last bit, and 2e-9
-of the wave's motion is left at the bottom."""
+"""k H from which a wave counts as one on deep water. There, tanh(k H) is 1 to the last bit, and
+2e-9 of the wave's motion is left at the bottom."""
 
 DISPERSION_STEPS = 12
 """Number of Newton steps for the dispersion relation. Five reach round-off at any depth."""
