@@ -63,9 +63,10 @@ class Sea:
     bottom below `level` [m], inf for deep water; a tide changes the level, but not the waves.
 
     `level` is the mean height of the particles. Crests are narrow, so the mean height of the
-    surface over places, and the level that deep bodies feel, lie sum k a^2 / 2 below it. Positions
-    are world coordinates [m], times are in seconds; x, y, z and time broadcast. A sea is immutable.
-    Raises ValueError for waves that fold and for unusable numbers.
+    surface over places, and the level that deep bodies feel, lie sum k a^2 / 2 below it (sum k a^2
+    / (2 tanh(k depth)) above a bottom). Positions are world coordinates [m], times are in seconds;
+    x, y, z and time broadcast. A sea is immutable. Raises ValueError for waves that fold and for
+    unusable numbers.
 
     steepness: sum of k a / tanh(k depth) over the waves. worst_steepness: that sum, or
     `wave.SIGMAS` standard deviations of it if that is less; the surface is a graph below 1.
@@ -129,13 +130,14 @@ class Sea:
         """Raise ValueError for waves that fold."""
         if self.worst_steepness < 1.0:
             return
-        terms = "k a" if self.depth == np.inf else "k a / tanh(k depth)"
+        is_deep = self.depth == np.inf
+        terms = "k a" if is_deep else "k a / tanh(k depth)"
         raise ValueError(
             f"the waves fold: the sum of {terms} over {len(self.waves)} waves is "
             f"{self.worst_steepness:.4g}"
             f"{' as waves meet' if len(self.waves) > PLAIN_SUM_WAVES else ''} and "
             "must stay below 1; scale all amplitudes by less than "
-            f"{1.0 / self.worst_steepness:.3g} or lengthen the waves"
+            f"{1.0 / self.worst_steepness:.3g} or {'lengthen the waves' if is_deep else 'use deeper water'}"
         )
 
     def _water(self) -> Table:
