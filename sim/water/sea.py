@@ -132,12 +132,13 @@ class Sea:
             return
         is_deep = self.depth == np.inf
         terms = "k a" if is_deep else "k a / tanh(k depth)"
+        remedy = "lengthen the waves" if is_deep else "use deeper water"
         raise ValueError(
             f"the waves fold: the sum of {terms} over {len(self.waves)} waves is "
             f"{self.worst_steepness:.4g}"
             f"{' as waves meet' if len(self.waves) > PLAIN_SUM_WAVES else ''} and "
             "must stay below 1; scale all amplitudes by less than "
-            f"{1.0 / self.worst_steepness:.3g} or {'lengthen the waves' if is_deep else 'use deeper water'}"
+            f"{1.0 / self.worst_steepness:.3g} or {remedy}"
         )
 
     def _water(self) -> Table:
