@@ -123,6 +123,9 @@ def test_the_surface_and_the_motion_are_those_of_the_particles():
     found = motion_at(ACCELERATION, sea, labels, np.zeros(30), time)
     np.testing.assert_allclose(found, acceleration, atol=finite_differences)
     np.testing.assert_allclose(sea.head(x, y, z, time), 0.0, atol=ROUND_OFF)
+    step, second_order = 1e-5, 1e-9  # the head is smooth across the surface
+    above, below = (sea.head(x, y, z + s * step, time) for s in (1.0, -1.0))
+    np.testing.assert_allclose(above, -below, atol=second_order)
     drawn = SeaSurface(sea, 2.0, 20.0, 24).at(np.array([0.5, 0.2]), time).points[:40].astype(float)
     single_precision = 1e-6
     np.testing.assert_allclose(
