@@ -69,11 +69,11 @@ def test_all_faults_are_reported_at_once():
     with pytest.raises(ModelError) as caught:
         add_water(
             mujoco.MjSpec.from_string(DRY), "torso", "cube", wave_swell=(0.1, 4), drag="strong",
-            water_depth=3, buoyancy_metod="linear", buoyancy_method=3, water_density=-1.0,
+            water_tint=3, buoyancy_metod="linear", buoyancy_method=3, water_density=-1.0,
         )  # fmt: skip
     faults = caught.value.faults
     for text in ("no body 'torso'; the model has cube, arm, hand", "'wave_swell' has 2 numbers",
-                 "field 'drag': 'strong' is not a row of numbers", "'water_depth' is unknown",
+                 "field 'drag': 'strong' is not a row of numbers", "'water_tint' is unknown",
                  "field 'buoyancy_metod'", "field 'buoyancy_method': it takes a text, not 3",
                  "the water density is -1"):  # fmt: skip
         assert sum(text in fault for fault in faults) == 1, text

@@ -199,8 +199,8 @@ REFUSALS = {
         "'wave_a': the wavelength is -2 m; it must be above 1e-09",
     ),
     "unknown numeric": (
-        dict(custom='<numeric name="water_depth" data="1"/>'),
-        "numeric 'water_depth' is unknown.*water_density",
+        dict(custom='<numeric name="water_tint" data="1"/>'),
+        "numeric 'water_tint' is unknown.*water_density",
     ),
     "unknown text": (
         dict(custom='<text name="buoyancy_metod" data="linear"/>'),

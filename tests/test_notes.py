@@ -83,7 +83,7 @@ def test_a_body_without_geoms_is_refused():
 FAULTY = xml(
     CUBE + '<geom name="rock" size="1"/>',
     ("cube", "rock"),
-    '<numeric name="wave_a" data="0.5 2 0"/><numeric name="water_depth" data="1"/>'
+    '<numeric name="wave_a" data="0.5 2 0"/><numeric name="water_tint" data="1"/>'
     '<text name="buoyancy_method" data="magic"/><numeric name="drag" data="0 -1 0"/>',
     '<option density="1000"><flag gravity="disable"/></option>',
 )
@@ -93,7 +93,7 @@ def test_all_faults_are_reported_at_once(tmp_path, capsys):
     with pytest.raises(ModelError) as caught:
         Scene.load(mujoco.MjSpec.from_string(FAULTY))
     faults = caught.value.faults
-    for text in ("density is 1000", "flag gravity", "wave_a' has 3", "water_depth' is unknown",
+    for text in ("density is 1000", "flag gravity", "wave_a' has 3", "water_tint' is unknown",
                  "rock' belongs to the world", "'magic' is not a method"):  # fmt: skip
         assert sum(text in fault for fault in faults) == 1, text
     assert all("\n" not in fault for fault in faults)

@@ -222,6 +222,10 @@ NUMERICS = {
         (Number("water level m, or number of pairs of time s and level m", "", -1e6, 1e6),),
         counts=(1, *range(4, 2 * MOST_TIDES + 1, 2)),
     ),
+    "water_depth": NumericField(
+        "depth of the bottom below the still water at the start; left out, the water is deep",
+        (_positive("water depth", "m", 1e6, default=np.inf),),
+    ),
     "water_current": NumericField(
         "velocity of all of the water; the waves travel on it",
         tuple(Number(f"current along {axis}", "m/s", -100.0, 100.0) for axis in "xyz"),

@@ -42,7 +42,10 @@ def notes_about_positions(
     model: mujoco.MjModel, start: mujoco.MjData, sea: Sea, floats: Sequence[FloatingGeom]
 ) -> list[str]:
     """Notes about the positions in which a model starts."""
-    return [*notes_of_overlaps(model, start, floats), *_about_floors(model, start, sea, floats)]
+    return [
+        *notes_of_overlaps(model, start, floats), *_about_floors(model, start, sea, floats),
+        *_about_the_bottom(start, sea, floats),
+    ]  # fmt: skip
 
 
 def _about_air(model: mujoco.MjModel) -> Iterator[str]:
@@ -118,6 +121,27 @@ def _about_floors(
                 f"surface: '{over[0].name}' will stand on it rather than float; lower it, or let "
                 "it collide with nothing (contype and conaffinity 0)"
             )
+
+
+def _about_the_bottom(
+    start: mujoco.MjData, sea: Sea, floats: Sequence[FloatingGeom]
+) -> Iterator[str]:
+    """Hulls that start on or below the bottom, which bounds the waves but stops no body."""
+    bottom = sea.level - sea.depth
+    low = {}
+    for f in floats:
+        up, z = start.geom_xmat[f.geom].reshape(3, 3)[2], float(start.geom_xpos[f.geom, 2])
+        lowest = z + float((f.method.hull.vertices @ up).min())
+        if lowest <= bottom:
+            low[f.name] = lowest
+    if low:
+        name = min(low, key=low.__getitem__)
+        others = f" and {len(low) - 1} other hulls" if len(low) > 1 else ""
+        yield (
+            f"'{name}'{others} start on or below the bottom of the water at z = {bottom:.3g} "
+            f"(water_depth {sea.depth:.3g} m): it reaches down to {low[name]:.3g}; the bottom "
+            "shapes the waves but carries no body: raise the body, or add a plane to stand on"
+        )
 
 
 def _top(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float | None:

@@ -70,36 +70,37 @@ def _owner(prefix: str) -> str:
 
 def _read_sea(model: mujoco.MjModel, numerics: Numerics, texts: Texts, faults: Faults) -> Sea:
     gravity = abs(float(model.opt.gravity[2])) or 9.81  # no gravity is a fault already
+    (depth,) = numbers_of("water_depth", numerics)
     waves: list[Wave] = []
     for name, values in numerics.items():
         with faults.collected():
             try:
                 if name in SPECTRA:
-                    waves += _irregular(name, _in_radians(name, values), gravity)
+                    waves += _irregular(name, _in_radians(name, values), gravity, depth)
                 elif name.startswith("wave_"):
                     waves.append(Wave(*_in_radians(name, values)))
             except ValueError as error:
                 raise ValueError(f"custom numeric '{name}': {error}") from None
     with faults.collected():
-        waves += _from_files(numerics, texts, gravity)
+        waves += _from_files(numerics, texts, gravity, depth)
     (density,) = numbers_of("water_density", numerics)
     levels = numbers_of("water_level", numerics)
     level, tide = (levels[0], ()) if len(levels) == 1 else (0.0, np.reshape(levels, (-1, 2)))
     current = numbers_of("water_current", numerics)
     (ramp,) = numbers_of("water_ramp", numerics)
     pressure = texts.get(PRESSURE, DEFAULT_PRESSURE)
-    return Sea(waves, density, gravity, level, pressure, current, ramp, tide)
+    return Sea(waves, density, gravity, level, pressure, current, ramp, tide, depth)
 
 
-def _irregular(name: str, numbers: list[float], gravity: float) -> tuple[Wave, ...]:
+def _irregular(name: str, numbers: list[float], gravity: float, depth: float) -> tuple[Wave, ...]:
     """The waves of an irregular sea."""
     arguments, division = numbers[:-DIVISION_NUMBERS], numbers[-DIVISION_NUMBERS:]
     if name == "sea_pierson_moskowitz":  # its period follows from gravity
         arguments = [*arguments, gravity]
-    return SPECTRA[name](*arguments).waves(*division, gravity)
+    return SPECTRA[name](*arguments).waves(*division, gravity, depth)
 
 
-def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
+def _from_files(numerics: Numerics, texts: Texts, gravity: float, depth: float) -> list[Wave]:
     """The waves in the files that texts name."""
     waves: list[Wave] = []
     for name in (name for name in (COMPONENTS, RECORD) if name in texts):
@@ -111,11 +112,11 @@ def _from_files(numerics: Numerics, texts: Texts, gravity: float) -> list[Wave]:
                     "file, MuJoCo's compiler in the current folder: give a full path"
                 )
             if name == COMPONENTS:
-                waves += read_components(path, gravity)
+                waves += read_components(path, gravity, depth)
             else:
                 numbers = _in_radians(RECORD, numerics.get(RECORD, ()))
                 heading, shortest, longest, x, y = numbers
-                waves += read_record(path, gravity, heading, (shortest, longest), (x, y))
+                waves += read_record(path, gravity, heading, (shortest, longest), (x, y), depth)
         except (ValueError, OSError) as error:
             raise ValueError(f"custom text '{name}': {error}") from None
     if RECORD in numerics and RECORD not in texts:
@@ -141,6 +142,8 @@ def fields_of(sea: Sea) -> dict[str, ArrayLike | str]:
         "water_ramp": [sea.ramp],
         PRESSURE: sea.pressure,
     }
+    if sea.depth < np.inf:
+        fields["water_depth"] = [sea.depth]
     for i, wave in enumerate(sea.waves):
         heading, phase = np.degrees([wave.heading, wave.phase]).tolist()
         fields[f"wave_{i}"] = [wave.amplitude, wave.wavelength, heading, phase]

@@ -5,11 +5,16 @@ A surface particle with label alpha, its rest position (2,), is at
     x = alpha + sum d a cos(theta),    z = level + sum a sin(theta),
     theta = k d . alpha - omega t + phase,    omega^2 = g k.
 
-Seen from above, the surface is a graph while sum k a < 1, so every x has one elevation. To find it,
-the first relation is inverted for alpha. The residual r = x - x(alpha) has the symmetric Jacobian
--J with
+In water of depth H the circles become ellipses, which are 1 / T wider than they are high, and the
+waves are slower: with T = tanh(k H),
 
-    J = dx/dalpha = I - sum d d^T k a sin(theta),    1 - sum k a <= J <= 1 + sum k a,
+    x = alpha + sum d (a / T) cos(theta),    omega^2 = g k T.
+
+Seen from above, the surface is a graph while sum k a / T < 1, so every x has one elevation. To find
+it, the first relation is inverted for alpha. The residual r = x - x(alpha) has the symmetric
+Jacobian -J with
+
+    J = dx/dalpha = I - sum d d^T (k a / T) sin(theta),    1 - sum k a / T <= J <= 1 + sum k a / T,
 
 so Newton's step J^-1 r exists everywhere and always reduces |r| if it is short enough. Halved until
 |r| falls, it converges from any starting point. Plain steps suffice for almost all points and are
@@ -64,7 +69,7 @@ ONE = np.int64(1)
 WAVE = record(
     turns_x="f8", turns_y="f8", turns="f8", frequency="f8",
     amplitude="f8", wavenumber="f8", direction_x="f8", direction_y="f8",
-    ka="f8", kka="f8", kkka="f8", rate="f8", rise="f8",
+    ka="f8", kka="f8", kkka="f8", rate="f8", rise="f8", tanh="f8", stretch="f8", bed="f8",
 )  # fmt: skip
 """A wave as kernels read it.
 
@@ -72,7 +77,8 @@ turns_x, turns_y: wavenumber vector [turns/m]; turns: phase [turns]; frequency [
 from a fixed position; amplitude a [m]; wavenumber k [rad/m]; direction_x, direction_y: unit vector;
 ka, kka, kkka: k a, k^2 a and k^3 a, the wave's contributions to derivatives of those orders; rate:
 angular frequency [rad/s] of the particles, which does not depend on the current; rise: one over the
-time [s] in which the wave grows, 0 for a wave without a ramp.
+time [s] in which the wave grows, 0 for a wave without a ramp; tanh, stretch: T = tanh(k H) and
+1 / T, both 1 on deep water; bed: 2 k H, 0 on deep water.
 """
 
 MOST_TIDES = 16
@@ -173,6 +179,16 @@ def decay(x):
     return power * power
 
 
+@inline
+def bed_decays(phase, bed, tanh):
+    """C = cosh(k (H - d)) / cosh(k H) and S = sinh(k (H - d)) / cosh(k H) at a depth d in water of
+    depth H, from phase = k d >= 0, bed = 2 k H and tanh = tanh(k H). Both continue smoothly below
+    the bottom, down to d = 2 H."""
+    down, up = decay(phase), decay(max(bed - phase, 0.0))
+    half = 0.5 * (1.0 + tanh)
+    return half * (down + up), half * (down - up)
+
+
 def smooth(u):
     """From 0 at u = 0 to 1 at u = 1, level at both ends."""
     return u * u * (3.0 - 2.0 * u)
@@ -212,16 +228,17 @@ def clear_sums(p, count):
 
 
 @inline
-def add_wave(p, i, s, c, a, ka, dx, dy):
-    """Add one wave, with sine s and cosine c of its phase, to the sums at point i."""
-    p.x[i] += dx * a * c
-    p.y[i] += dy * a * c
+def add_wave(p, i, s, c, a, ka, dx, dy, wide_x, wide_y):
+    """Add one wave, with sine s and cosine c of its phase, to the sums at point i. wide_x, wide_y:
+    its direction over T."""
+    p.x[i] += wide_x * a * c
+    p.y[i] += wide_y * a * c
     p.z[i] += a * s
     p.z_x[i] += dx * ka * c
     p.z_y[i] += dy * ka * c
-    p.x_x[i] -= dx * dx * ka * s
-    p.x_y[i] -= dx * dy * ka * s
-    p.y_y[i] -= dy * dy * ka * s
+    p.x_x[i] -= wide_x * dx * ka * s
+    p.x_y[i] -= wide_x * dy * ka * s
+    p.y_y[i] -= wide_y * dy * ka * s
 
 
 @kernel
@@ -236,9 +253,10 @@ def wave_sums(count, waves, time, labels, sums_out):
         turns = wave.turns - wave.frequency * time
         part = growth(wave, time)
         a, ka, dx, dy = part * wave.amplitude, part * wave.ka, wave.direction_x, wave.direction_y
+        wide_x, wide_y = wave.stretch * dx, wave.stretch * dy
         for i in range(count):
             s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
-            add_wave(p, i, s, c, a, ka, dx, dy)
+            add_wave(p, i, s, c, a, ka, dx, dy, wide_x, wide_y)
 
 
 @inline

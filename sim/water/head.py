@@ -10,12 +10,21 @@ label of the surface particle there, the Froude-Krylov pressure is
     below (d >= 0):   h = d - sum a m (sin(theta) + k a m / 2),    m = 1 - e^(-k d)
     above (d < 0):    h = d (1 - sum k a sin(theta)),
 
-and the hydrostatic one is h = d everywhere. The pressure of a wave decays with depth: deep down, h
-is the depth below the mean level, which lies sum k a^2 / 2 below `level`. For one wave, h equals
-Gerstner's exact pressure to second order (within 0.07 (k a)^2 a everywhere); for several waves, to
-first order. It is zero exactly on the drawn surface. Its gradient there matches the particles'
-acceleration, exactly for waves of one heading. Bodies do not change it: there is no diffraction and
-no radiation.
+and the hydrostatic one is h = d everywhere. In water of depth H, the Froude-Krylov pressure is
+
+    below:   h = d - sum a (1 - C) sin(theta) - sum (k a^2 / 2) (1 - C + S^2 - T S) / T,
+    above:   h = d (1 - sum k a T sin(theta)),
+
+with T = tanh(k H), C = cosh(k (H - d)) / cosh(k H) and S = sinh(k (H - d)) / cosh(k H). On deep
+water T = 1 and C = S = e^(-k d), which gives the formulas above.
+
+The pressure of a wave decays with depth: deep down, h is the depth below the mean level, which lies
+sum k a^2 / 2 below `level`. For one wave on deep water, h equals Gerstner's exact pressure to
+second order (within 0.08 (k a)^2 a everywhere); for several waves, to first order. In shallow water
+the waves themselves hold to first order only: where k H is below 1, steep crests are too round (19
+% too low against a Fourier solution at half of the height at which they break). It is zero exactly
+on the drawn surface. Its gradient there matches the particles' acceleration, exactly for waves of
+one heading. Bodies do not change it: there is no diffraction and no radiation.
 """
 
 import numpy as np
@@ -26,6 +35,7 @@ from sim.water.gerstner import (
     LABELS,
     ONE,
     ROW,
+    bed_decays,
     decay,
     growth,
     level_and_rise,
@@ -50,6 +60,23 @@ def hydrostatic(height, above):
 depth = inline(hydrostatic)
 
 
+@inline
+def add_deep_losses(d, i, s, x, a, ka):
+    """Add one wave on deep water, with sine s of its phase, to DYNAMIC at k times the depth = x."""
+    m = 1.0 - decay(x)
+    d.lost[i] += a * m * (s + 0.5 * ka * m)
+    d.strain[i] += ka * s
+
+
+@inline
+def add_bed_losses(d, i, s, x, a, ka, wave):
+    """Add one wave above a bottom, as in `add_deep_losses`."""
+    c, v = bed_decays(x, wave.bed, wave.tanh)
+    second = (1.0 - c + v * (v - wave.tanh)) * wave.stretch
+    d.lost[i] += a * ((1.0 - c) * s + 0.5 * ka * second)
+    d.strain[i] += ka * wave.tanh * s
+
+
 @kernel
 def wave_losses(depths, waves, time, labels, dynamic_out):
     """Compute DYNAMIC at the depths (N,) [m] below the first N LABELS; N is filled up to LANES."""
@@ -62,11 +89,14 @@ def wave_losses(depths, waves, time, labels, dynamic_out):
         turns = wave.turns - wave.frequency * time
         part = growth(wave, time)
         a, ka, k = part * wave.amplitude, part * wave.ka, wave.wavenumber
-        for i in range(depths.size):
-            s, _ = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
-            m = 1.0 - decay(k * max(depths[i], 0.0))
-            d.lost[i] += a * m * (s + 0.5 * ka * m)
-            d.strain[i] += ka * s
+        if wave.bed == 0.0:
+            for i in range(depths.size):
+                s, _ = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
+                add_deep_losses(d, i, s, k * max(depths[i], 0.0), a, ka)
+        else:
+            for i in range(depths.size):
+                s, _ = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
+                add_bed_losses(d, i, s, k * max(depths[i], 0.0), a, ka, wave)
 
 
 @kernel

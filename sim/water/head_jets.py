@@ -17,6 +17,10 @@ into derivatives by position. The derivatives by z, h_z = F_s - 1, h_zz = F_ss a
 are also functions of the particles. Directions are unit vectors, so F_ss, F_ass and F_sss are
 traces of other derivatives, apart from the contribution of the second sum.
 
+In water of depth H (see `head`), F has C instead of E and (1 - C + S^2 - T S) / T instead of (1 -
+E)^2. The derivatives of C and S by s are k S and k C, so those of F by s once have S, and by s
+twice have C.
+
 At a point above the surface, the cubic is the extension of the cubic at the surface directly below.
 Inside a patch that the water cuts, the head then continues smoothly beyond the surface.
 """
@@ -30,6 +34,7 @@ from sim.water.gerstner import (
     ONE,
     ROW,
     SUMS,
+    bed_decays,
     clear_sums,
     decay,
     growth,
@@ -61,10 +66,11 @@ HEAD_JET = record(
 DECAYED = record(
     s=ROW, lost=ROW, x=ROW, y=ROW, s_1=ROW, xx=ROW, xy=ROW, yy=ROW, xs=ROW, ys=ROW,
     xxx=ROW, xxy=ROW, xyy=ROW, yyy=ROW, xxs=ROW, xys=ROW, yys=ROW, s_2=ROW, s_3=ROW,
+    sine=ROW, cosine=ROW,
 )  # fmt: skip
 """Workspace: heights s [m] above the surface, at most 0; the head [m] lost by the decay there; and
-derivatives of F. s_1 is all of F_s; s_2 and s_3 are only the second sum's share of F_ss and
-F_sss."""
+derivatives of F. s_1 is all of F_s; s_2 and s_3 are only the second sum's share of F_ss and F_sss.
+sine, cosine: of one wave above a bottom, times S."""
 
 
 @kernel
@@ -103,22 +109,36 @@ def add_firsts(d, i, s, c, e, a, ka, k, dx, dy):
 
 
 @inline
-def add_others(d, i, s, c, kka, kkka, dx, dy):
-    """Add one wave, with decayed sine s and cosine c, to the other derivatives."""
+def add_bed_firsts(d, i, s, c, e, v, a, ka, k, dx, dy, wave):
+    """Add one wave above a bottom, as in `add_firsts`; e, v: C and S."""
+    tanh = wave.tanh
+    lost, second = 1.0 - e, 0.5 * ka * ka * wave.stretch
+    d.lost[i] += a * lost * s + 0.5 * a * ka * wave.stretch * (lost + v * (v - tanh))
+    d.x[i] += dx * (ka * e * c)
+    d.y[i] += dy * (ka * e * c)
+    d.s_1[i] += ka * v * s + second * (v - 2.0 * v * e + tanh * e)
+    d.s_2[i] += k * second * (e - 2.0 * (e * e + v * v) + tanh * v)
+    d.s_3[i] += k * k * second * (v - 8.0 * v * e + tanh * e)
+
+
+@inline
+def add_others(d, i, s, c, up_s, up_c, kka, kkka, dx, dy):
+    """Add one wave, with sine s and cosine c times C, and the same times S, to the other
+    derivatives. On deep water C is S."""
     xx, xy, yy = dx * dx, dx * dy, dy * dy
     d.xx[i] -= xx * (kka * s)
     d.xy[i] -= xy * (kka * s)
     d.yy[i] -= yy * (kka * s)
-    d.xs[i] += dx * (kka * c)
-    d.ys[i] += dy * (kka * c)
-    s, c = kkka * s, kkka * c
+    d.xs[i] += dx * (kka * up_c)
+    d.ys[i] += dy * (kka * up_c)
+    up_s, c = kkka * up_s, kkka * c
     d.xxx[i] -= dx * xx * c
     d.xxy[i] -= dy * xx * c
     d.xyy[i] -= dx * yy * c
     d.yyy[i] -= dy * yy * c
-    d.xxs[i] -= xx * s
-    d.xys[i] -= xy * s
-    d.yys[i] -= yy * s
+    d.xxs[i] -= xx * up_s
+    d.xys[i] -= xy * up_s
+    d.yys[i] -= yy * up_s
 
 
 @kernel
@@ -137,12 +157,23 @@ def head_sums(count, waves, time, labels, sums_out, higher_out, decayed_out):
         )  # fmt: skip
         k, dx, dy = wave.wavenumber, wave.direction_x, wave.direction_y
         add_wave_jet(at, p, h, count, wave, time)
-        for i in range(count):
-            e, s, c = decay(-k * d.s[i]), h.sine[i], h.cosine[i]
-            add_firsts(d, i, s, c, e, a, ka, k, dx, dy)
-            h.sine[i], h.cosine[i] = e * s, e * c
-        for i in range(count):
-            add_others(d, i, h.sine[i], h.cosine[i], kka, kkka, dx, dy)
+        if wave.bed == 0.0:
+            for i in range(count):
+                e, s, c = decay(-k * d.s[i]), h.sine[i], h.cosine[i]
+                add_firsts(d, i, s, c, e, a, ka, k, dx, dy)
+                h.sine[i], h.cosine[i] = e * s, e * c
+            for i in range(count):
+                s, c = h.sine[i], h.cosine[i]
+                add_others(d, i, s, c, s, c, kka, kkka, dx, dy)
+        else:
+            for i in range(count):
+                e, v = bed_decays(-k * d.s[i], wave.bed, wave.tanh)
+                s, c = h.sine[i], h.cosine[i]
+                add_bed_firsts(d, i, s, c, e, v, a, ka, k, dx, dy, wave)
+                h.sine[i], h.cosine[i], d.sine[i], d.cosine[i] = e * s, e * c, v * s, v * c
+            for i in range(count):
+                s, c, up_s, up_c = h.sine[i], h.cosine[i], d.sine[i], d.cosine[i]
+                add_others(d, i, s, c, up_s, up_c, kka, kkka, dx, dy)
 
 
 @inline

@@ -92,32 +92,34 @@ def clear_higher(h, count):
 
 
 @inline
-def add_second(h, i, s, c, dx, dy):
-    """Add one wave to the second derivatives. s, c: k^2 a times the sine and cosine of its
-    phase."""
+def add_second(h, i, s, c, dx, dy, wide_x, wide_y):
+    """Add one wave to the second derivatives. s, c: k^2 a times the sine and cosine of its phase;
+    wide_x, wide_y: its direction over T."""
     xx, xy, yy = dx * dx, dx * dy, dy * dy
     h.z_xx[i] -= xx * s
     h.z_xy[i] -= xy * s
     h.z_yy[i] -= yy * s
-    h.x_xx[i] -= dx * xx * c
-    h.x_xy[i] -= dy * xx * c
-    h.x_yy[i] -= dx * yy * c
-    h.y_yy[i] -= dy * yy * c
+    h.x_xx[i] -= wide_x * xx * c
+    h.x_xy[i] -= wide_y * xx * c
+    h.x_yy[i] -= wide_x * yy * c
+    h.y_yy[i] -= wide_y * yy * c
 
 
 @inline
-def add_third(h, i, s, c, dx, dy):
-    """Add one wave to the third derivatives. s, c: k^3 a times the sine and cosine of its phase."""
+def add_third(h, i, s, c, dx, dy, wide_x, wide_y):
+    """Add one wave to the third derivatives. s, c: k^3 a times the sine and cosine of its phase;
+    wide_x, wide_y: its direction over T."""
     xx, xy, yy = dx * dx, dx * dy, dy * dy
+    wide_xx, wide_xy, wide_yy = wide_x * dx, wide_x * dy, wide_y * dy
     h.z_xxx[i] -= dx * xx * c
     h.z_xxy[i] -= dy * xx * c
     h.z_xyy[i] -= dx * yy * c
     h.z_yyy[i] -= dy * yy * c
-    h.x_xxx[i] += xx * xx * s
-    h.x_xxy[i] += xx * xy * s
-    h.x_xyy[i] += xx * yy * s
-    h.x_yyy[i] += xy * yy * s
-    h.y_yyy[i] += yy * yy * s
+    h.x_xxx[i] += wide_xx * xx * s
+    h.x_xxy[i] += wide_xx * xy * s
+    h.x_xyy[i] += wide_xx * yy * s
+    h.x_yyy[i] += wide_xy * yy * s
+    h.y_yyy[i] += wide_yy * yy * s
 
 
 @kernel
@@ -127,6 +129,7 @@ def add_wave_jet(at, p, h, count, wave, time):
     turns_x, turns_y = wave.turns_x, wave.turns_y
     turns = wave.turns - wave.frequency * time
     part, dx, dy = growth(wave, time), wave.direction_x, wave.direction_y
+    wide_x, wide_y = wave.stretch * dx, wave.stretch * dy
     a, ka, kka, kkka = (
         part * wave.amplitude, part * wave.ka, part * wave.kka, part * wave.kkka
     )  # fmt: skip
@@ -134,11 +137,11 @@ def add_wave_jet(at, p, h, count, wave, time):
         s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
         h.sine[i], h.cosine[i] = s, c
     for i in range(count):
-        add_wave(p, i, h.sine[i], h.cosine[i], a, ka, dx, dy)
+        add_wave(p, i, h.sine[i], h.cosine[i], a, ka, dx, dy, wide_x, wide_y)
     for i in range(count):
-        add_second(h, i, kka * h.sine[i], kka * h.cosine[i], dx, dy)
+        add_second(h, i, kka * h.sine[i], kka * h.cosine[i], dx, dy, wide_x, wide_y)
     for i in range(count):
-        add_third(h, i, kkka * h.sine[i], kkka * h.cosine[i], dx, dy)
+        add_third(h, i, kkka * h.sine[i], kkka * h.cosine[i], dx, dy, wide_x, wide_y)
 
 
 @kernel

@@ -2,13 +2,15 @@
 
 A particle moves on the circle of the surface particle above it, with the radius times exp(- k
 depth). Label and depth refer to the surface directly above the point. This is exact at the surface.
-At depth it has a relative error of k a, where little of the motion is left.
+At depth it has a relative error of k a, where little of the motion is left. In water of depth H the
+circles are ellipses: the velocities are omega (a / T) C along the wave and omega (a / T) S upwards
+(see `head`), so no water crosses the bottom.
 """
 
 import numpy as np
 
-from sim.kernels import kernel, record
-from sim.water.gerstner import ROW, decay, growth, level_and_rise, sine_cosine
+from sim.kernels import inline, kernel, record
+from sim.water.gerstner import ROW, bed_decays, decay, growth, level_and_rise, sine_cosine
 
 MOTION = record(x=ROW, y=ROW, z=ROW)
 """Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points."""
@@ -16,6 +18,15 @@ MOTION = record(x=ROW, y=ROW, z=ROW)
 VELOCITY, ACCELERATION = np.int64(0), np.int64(1)
 """Orders of a motion. NumPy integers, because each Python integer would compile `water_motion`
 again."""
+
+
+@inline
+def add_swing(v, i, dx, dy, along, up, s, c):
+    """Add one wave, with sine s and cosine c of its phase, to the motion at point i. along, up: the
+    radii of its motion."""
+    v.x[i] += dx * along * s
+    v.y[i] += dy * along * s
+    v.z[i] -= up * c
 
 
 @kernel
@@ -40,9 +51,14 @@ def water_motion(order, depths, waves, water, time, labels, motion_out):
         speed = growth(wave, time) * wave.rate * wave.amplitude
         if order == ACCELERATION:
             speed *= -wave.rate
-        for i in range(count):
-            s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
-            swing = speed * decay(k * depths[i])
-            v.x[i] += dx * swing * s
-            v.y[i] += dy * swing * s
-            v.z[i] -= swing * c
+        if wave.bed == 0.0:
+            for i in range(count):
+                s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
+                swing = speed * decay(k * depths[i])
+                add_swing(v, i, dx, dy, swing, swing, s, c)
+        else:
+            speed *= wave.stretch
+            for i in range(count):
+                s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
+                along, up = bed_decays(k * depths[i], wave.bed, wave.tanh)
+                add_swing(v, i, dx, dy, speed * along, speed * up, s, c)

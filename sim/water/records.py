@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sim.water.gerstner import smooth
 from sim.water.sea import Sea
 from sim.water.spectrum import MOST_WAVES
-from sim.water.wave import Wave
+from sim.water.wave import Wave, shortening
 
 Array = NDArray[np.float64]
 
@@ -36,8 +36,9 @@ MOST_NAMES = 12
 COMPONENT_NAMES = ("amplitude", "wavelength", "period", "heading", "phase")
 
 
-def read_components(path: Path, gravity: float) -> tuple[Wave, ...]:
-    """Read waves from a list of components. gravity [m/s^2]. Raises ValueError, OSError."""
+def read_components(path: Path, gravity: float, depth: float = np.inf) -> tuple[Wave, ...]:
+    """Read waves from a list of components. gravity [m/s^2]; depth [m] of the water, inf for deep
+    water. Raises ValueError, OSError."""
     table = read_table(path, COMPONENT_NAMES)
     lengths = [name for name in ("wavelength", "period") if name in table]
     if "amplitude" not in table or len(lengths) != 1:
@@ -51,6 +52,7 @@ def read_components(path: Path, gravity: float) -> tuple[Wave, ...]:
     sizes = table[lengths[0]]
     if lengths[0] == "period":
         sizes = gravity * sizes**2 / (2.0 * np.pi)
+        sizes = sizes * shortening(2.0 * np.pi / sizes, depth)
     angles = [np.radians(table.get(name, np.zeros(count))) for name in ("heading", "phase")]
     waves = []
     for line, wave in enumerate(zip(table["amplitude"], sizes, *angles, strict=True), start=2):
@@ -67,11 +69,12 @@ def read_record(
     heading: float = 0.0,
     periods: tuple[float, float] = (1.0, 60.0),
     place: tuple[float, float] = (0.0, 0.0),
+    depth: float = np.inf,
 ) -> tuple[Wave, ...]:
     """Read waves of one heading whose elevation at a point follows a record without its mean.
 
-    heading [rad]; periods [s]: the band of periods; place: the point (x, y) [m]; gravity [m/s^2].
-    Raises ValueError, OSError.
+    heading [rad]; periods [s]: the band of periods; place: the point (x, y) [m]; gravity [m/s^2];
+    depth [m] of the water, inf for deep water. Raises ValueError, OSError.
     """
     table = read_table(path, ("time", "elevation"))
     if set(table) != {"time", "elevation"}:
@@ -84,7 +87,7 @@ def read_record(
     wanted = np.interp(even, times, elevations)
     bridged = _bridged(wanted - wanted.mean())
     even = even[0] + (even[1] - even[0]) * np.arange(len(bridged))
-    series = _Series(even, gravity, heading, periods, place)
+    series = _Series(even, gravity, heading, periods, place, depth)
     return series.waves_of(bridged, len(wanted), path)
 
 
@@ -108,8 +111,10 @@ class _Series:
         heading: float,
         periods: tuple[float, float],
         place: tuple[float, float],
+        depth: float,
     ) -> None:
         self.times, self.gravity, self.heading, self.place = times, gravity, heading, place
+        self.depth = depth
         step = times[1] - times[0]
         self.omega = 2.0 * np.pi * np.fft.rfftfreq(len(times), step)
         low, high = (2.0 * np.pi / period for period in reversed(periods))
@@ -127,7 +132,7 @@ class _Series:
             )
         parts[~self.is_in_band] = 0.0
         for _ in range(CORRECTION_ROUNDS):
-            sea = Sea(self._waves(parts), gravity=self.gravity)
+            sea = Sea(self._waves(parts), gravity=self.gravity, depth=self.depth)
             found = sea.elevation(*self.place, self.times)
             missed = wanted - (found - found[:count].mean())
             missed[count:] = 0.0
@@ -147,6 +152,7 @@ class _Series:
         chosen = np.flatnonzero(self.is_in_band)
         omega, part = self.omega[chosen], parts[chosen]
         wavenumbers = omega**2 / self.gravity
+        wavenumbers = wavenumbers / shortening(wavenumbers, self.depth)
         along = self.place[0] * np.cos(self.heading) + self.place[1] * np.sin(self.heading)
         phases = 0.5 * np.pi - np.angle(part) + omega * self.times[0] - wavenumbers * along
         amplitudes = 2.0 * np.abs(part) / len(self.times)

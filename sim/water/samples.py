@@ -42,7 +42,8 @@ def sample_places(sea: Sea) -> tuple[Array, Array]:
     labels, waves = sample_labels(sea), sea.components
     turns = labels @ np.stack([waves["turns_x"], waves["turns_y"]])
     turns = turns + waves["turns"] - waves["frequency"] * sea.ramp
-    offsets = waves["amplitude"] * np.cos(2.0 * np.pi * (turns - np.round(turns)))
+    rest = turns - np.round(turns)
+    offsets = waves["amplitude"] * waves["stretch"] * np.cos(2.0 * np.pi * rest)
     directions = np.stack([waves["direction_x"], waves["direction_y"]], axis=1)
     return tuple((labels + offsets @ directions).T.copy())
 

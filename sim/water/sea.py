@@ -25,7 +25,7 @@ from sim.water.head import PRESSURES, solve_heads
 from sim.water.jets import JET, near_particles, solve_jets
 from sim.water.motion import MOTION, VELOCITY, water_motion
 from sim.water.spectrum import DEFAULT_SPREAD, jonswap
-from sim.water.wave import PLAIN_SUM_WAVES, Wave, largest_sum, wave_table
+from sim.water.wave import PLAIN_SUM_WAVES, Wave, largest_sum, tanh_at, wave_table
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
@@ -59,17 +59,19 @@ class Sea:
     "froude-krylov", in which the pressure of the waves decays with depth, or "hydrostatic" (see
     `head`). current: velocity of all of the water, 2 or 3 numbers [m/s]; the waves travel on it.
     ramp [s]: time in which the waves grow smoothly from nothing, from time 0. tide: pairs of a time
-    [s] and a level [m] in rising order, linear in between, instead of one level.
+    [s] and a level [m] in rising order, linear in between, instead of one level. depth: of the
+    bottom below `level` [m], inf for deep water; a tide changes the level, but not the waves.
 
     `level` is the mean height of the particles. Crests are narrow, so the mean height of the
-    surface over places, and the level that deep bodies feel, lie sum k a^2 / 2 below it. Positions
-    are world coordinates [m], times are in seconds; x, y, z and time broadcast. A sea is immutable.
-    Raises ValueError for waves that fold and for unusable numbers.
+    surface over places, and the level that deep bodies feel, lie sum k a^2 / 2 below it (sum k a^2
+    / (2 tanh(k depth)) above a bottom). Positions are world coordinates [m], times are in seconds;
+    x, y, z and time broadcast. A sea is immutable. Raises ValueError for waves that fold and for
+    unusable numbers.
 
-    steepness: sum of k a over the waves. worst_steepness: that sum, or `wave.SIGMAS` standard
-    deviations of it if that is less; the surface is a graph below 1. amplitude [m]: likewise for
-    the amplitudes; no crest or trough lies further from the level. components, water: tables for
-    kernels (`gerstner.WAVE`, `gerstner.WATER`).
+    steepness: sum of k a / tanh(k depth) over the waves. worst_steepness: that sum, or
+    `wave.SIGMAS` standard deviations of it if that is less; the surface is a graph below 1.
+    amplitude [m]: likewise for the amplitudes; no crest or trough lies further from the level.
+    components, water: tables for kernels (`gerstner.WAVE`, `gerstner.WATER`).
     """
 
     waves: tuple[Wave, ...] = ()
@@ -80,6 +82,7 @@ class Sea:
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ramp: float = 0.0
     tide: tuple[tuple[float, float], ...] = ()
+    depth: float = np.inf
     steepness: float = field(init=False, repr=False, compare=False)
     worst_steepness: float = field(init=False, repr=False, compare=False)
     amplitude: float = field(init=False, repr=False, compare=False)
@@ -96,6 +99,7 @@ class Sea:
         current: Sequence[float] = (0.0, 0.0, 0.0),
         ramp: float = 0.0,
         tide: Sequence[tuple[float, float]] | Array = (),
+        depth: float = np.inf,
     ) -> None:
         if pressure not in PRESSURES:
             raise ValueError(f"water pressure is '{pressure}'; expected {' or '.join(PRESSURES)}")
@@ -111,19 +115,31 @@ class Sea:
         if not (np.isfinite(ramp) and ramp >= 0.0):
             raise ValueError(f"the water's ramp is {ramp} s; it must be finite and 0 or more")
         self._set(ramp=float(ramp))
-        parts = [w.steepness for w in waves]
+        if not depth > 0.0:
+            raise ValueError(f"the water's depth is {depth} m; it must be above 0, or inf")
+        self._set(depth=float(depth))
+        parts = [w.steepness / float(tanh_at(w.wavenumber, self.depth)) for w in waves]
         self._set(steepness=float(sum(parts)), worst_steepness=largest_sum(parts))
         self._set(amplitude=largest_sum([w.amplitude for w in waves]))
-        if self.worst_steepness >= 1.0:
-            raise ValueError(
-                f"the waves fold: the sum of k a over {len(waves)} waves is "
-                f"{self.worst_steepness:.4g}"
-                f"{' as waves meet' if len(waves) > PLAIN_SUM_WAVES else ''} and "
-                "must stay below 1; scale all amplitudes by less than "
-                f"{1.0 / self.worst_steepness:.3g} or lengthen the waves"
-            )
-        self._set(components=wave_table(waves, self.gravity, self.current, self.ramp))
+        self._check_folding()
+        table = wave_table(waves, self.gravity, self.current, self.ramp, self.depth)
+        self._set(components=table)
         self._set(water=self._water())
+
+    def _check_folding(self) -> None:
+        """Raise ValueError for waves that fold."""
+        if self.worst_steepness < 1.0:
+            return
+        is_deep = self.depth == np.inf
+        terms = "k a" if is_deep else "k a / tanh(k depth)"
+        remedy = "lengthen the waves" if is_deep else "use deeper water"
+        raise ValueError(
+            f"the waves fold: the sum of {terms} over {len(self.waves)} waves is "
+            f"{self.worst_steepness:.4g}"
+            f"{' as waves meet' if len(self.waves) > PLAIN_SUM_WAVES else ''} and "
+            "must stay below 1; scale all amplitudes by less than "
+            f"{1.0 / self.worst_steepness:.3g} or {remedy}"
+        )
 
     def _water(self) -> Table:
         """The WATER table: everything that kernels need besides the waves."""
@@ -160,17 +176,19 @@ class Sea:
         seed: int = 0,
         *,
         gravity: float = 9.81,
+        depth: float = np.inf,
         **water: Any,
     ) -> "Sea":
         """An irregular sea with the JONSWAP spectrum (see `spectrum`).
 
         significant_height [m]: 4 sqrt(m0). peak_period [s]. gamma: peak enhancement, 1 for a fully
         developed sea. heading, spread [rad], waves, seed: how the spectrum is divided into waves
-        (see `Spectrum.waves`). gravity [m/s^2] and others: as for Sea. Raises ValueError for
-        numbers out of bounds and for waves that fold.
+        (see `Spectrum.waves`). gravity [m/s^2], depth [m] and others: as for Sea. Raises ValueError
+        for numbers out of bounds and for waves that fold.
         """
         spectrum = jonswap(significant_height, peak_period, gamma)
-        return cls(spectrum.waves(heading, spread, waves, seed, gravity), gravity=gravity, **water)
+        parts = spectrum.waves(heading, spread, waves, seed, gravity, depth)
+        return cls(parts, gravity=gravity, depth=depth, **water)
 
     def _residual_tolerance(self) -> float:
         """The residual [m] that causes ELEVATION_ERROR. Its first-order effect is corrected, so a
@@ -195,10 +213,13 @@ class Sea:
     def curvature_bound(self) -> float:
         """Bound [1/m] on the elevation's second derivatives, everywhere and in any direction.
 
-        In the formula of H (see `jets`) each factor J^-1 is at most 1 / (1 - sum k a) and M, as
-        |G| <= sum k a / (1 - sum k a), at most sum k^2 a / (1 - sum k a).
+        In the formula of H (see `jets`) each factor J^-1 is at most 1 / (1 - sum k a / T) and M, as
+        |G| <= sum k a / (1 - sum k a / T), at most sum (k^2 a / T) / (1 - sum k a / T).
         """
-        total = largest_sum([w.wavenumber**2 * w.amplitude for w in self.waves])
+        total = largest_sum(
+            [w.wavenumber**2 * w.amplitude / float(tanh_at(w.wavenumber, self.depth))
+             for w in self.waves]
+        )  # fmt: skip
         return total / (1.0 - self.worst_steepness) ** 3
 
     def elevation(self, x: ArrayLike, y: ArrayLike, time: ArrayLike) -> Array:

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.water.wave import PLAIN_SUM_WAVES, Wave, largest_sum
+from sim.water.wave import PLAIN_SUM_WAVES, Wave, largest_sum, shortening
 
 Array = NDArray[np.float64]
 
@@ -72,12 +72,14 @@ class Spectrum:
         waves: int = 40,
         seed: int = 0,
         gravity: float = 9.81,
+        depth: float = np.inf,
     ) -> tuple[Wave, ...]:
         """Waves of equal amplitude, one for each of `waves` bands of equal energy.
 
         heading [rad]: mean heading; spread [rad]: standard deviation of the headings, 0 for long
         crests; seed: of the random phases and of the assignment of headings to waves; gravity
-        [m/s^2]. Raises ValueError for invalid numbers and for waves that fold.
+        [m/s^2]; depth [m] of the water, in which waves of the same periods are shorter. Raises
+        ValueError for invalid numbers and for waves that fold.
         """
         _check_directions(heading, spread)
         _check_counts(waves, seed)
@@ -86,8 +88,10 @@ class Spectrum:
         headings = heading + rng.permutation(equal_share_angles(spread, count))
         phases = rng.uniform(0.0, 2.0 * np.pi, count)
         amplitude = self.significant_height * np.sqrt(1.0 / (8.0 * count))
-        lengths = 2.0 * np.pi * gravity / chosen**2
-        _check_folding(2.0 * np.pi / lengths * amplitude, self.significant_height)
+        shorter = shortening(chosen**2 / gravity, depth)  # tanh(k depth)
+        lengths = 2.0 * np.pi * gravity / chosen**2 * shorter
+        parts = 2.0 * np.pi / lengths * amplitude / shorter
+        _check_folding(parts, self.significant_height, depth)
         return tuple(Wave(amplitude, *w) for w in zip(lengths, headings, phases, strict=True))
 
 
@@ -174,17 +178,20 @@ def equal_share_angles(spread: float, count: int) -> Array:
     return np.interp(middles, (shares - 0.5 * shares[0]) / shares[-1], angles)
 
 
-def _check_folding(parts: Array, height: float) -> None:
-    """Raise ValueError for waves of steepnesses (N,) that fold, with changes that would avoid
-    it."""
+def _check_folding(parts: Array, height: float, depth: float) -> None:
+    """Raise ValueError for waves of steepnesses (N,) that fold in water of a depth [m], with
+    changes that would avoid it. A longer period is no remedy in shallow water."""
     steepness, count = largest_sum(parts), len(parts)
     if steepness < 1.0:
         return
     met = " as waves meet" if count > PLAIN_SUM_WAVES else ""
+    is_deep = depth == np.inf
+    longer = f"make the period {np.sqrt(steepness):.3g} times as long, " if is_deep else ""
     raise ValueError(
-        f"the waves of this sea fold: the sum of k a over {count} waves is {steepness:.4g}{met} "
+        f"the waves of this sea fold: the sum of k a {'' if is_deep else '/ tanh(k depth) '}over "
+        f"{count} waves is {steepness:.4g}{met} "
         f"and must stay below 1; lower the significant height below {height / steepness:.3g} m, "
-        f"make the period {np.sqrt(steepness):.3g} times as long, or use about "
+        f"{longer}or use about "
         f"{max(1, int(0.9 * count / parts.sum() ** 2))} waves"
     )
 

@@ -46,6 +46,8 @@ def _others(sea: Sea) -> list[str]:
         words.append(f"tide from {min(levels):.3g} to {max(levels):.3g} m")
     elif sea.level != default.level:
         words.append(f"level {sea.level:.3g} m")
+    if sea.depth != default.depth:
+        words.append(f"depth {sea.depth:.3g} m")
     if sea.ramp > 0.0 and sea.waves:
         words.append(f"the waves grow for {sea.ramp:.3g} s")
     if sea.density != default.density:

@@ -200,12 +200,13 @@ def head_jet_error(
     sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS, squeeze: float = 0.0
 ) -> float:
     """Largest error [m] of the head's jets of fitted waves, as in `jet_error`, at the samples and
-    from two radii below to 0.7 radii above them. Above the water, only a positive head counts as an
-    error."""
+    from two radii below to 0.7 radii above them, but not below the bottom. Above the water, only a
+    positive head counts as an error."""
     x, y = sample_places(sea)
     share = np.resize(np.linspace(-2.0, 1.0, 7), x.size)
     above = sea.elevation(x, y, sea.ramp) - still(sea) + radius * np.minimum(share, 0.0)
     above += 0.7 * radius * np.maximum(share, 0.0)
+    above = np.maximum(above, -sea.depth)
     jets = fields_of(head_jets(sea, waves, x, y, above, squeeze), HEAD_TERMS)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     worst = 0.0
@@ -215,6 +216,7 @@ def head_jet_error(
         found = sea.head(x + dx, y + dy, still(sea) + above + dz, sea.ramp)
         said = taylor_weights(HEAD_TERMS, {"x": dx, "y": dy, "z": dz}) @ jets
         missed = np.where(found >= 0.0, np.abs(found - said), np.maximum(said, 0.0))
+        missed[above + dz < -sea.depth] = 0.0
         worst = max(worst, float(missed.max()))
     return worst
 
