@@ -217,6 +217,6 @@ def test_default_tolerance_holds_for_a_ship_in_many_waves(monkeypatch):
     hull = ship(mesh)
     np.testing.assert_allclose(np.ptp(hull.bounds, axis=0), SIZE, rtol=1e-12)
     assert hull.volume == pytest.approx(finer(hull).volume, rel=1e-12)
-    (row,) = ship_costs(mesh, (60,), (2.4,), seconds=0.0)
+    (row,) = ship_costs(hull, (60,), (2.4,), seconds=0.0)
     assert row["waves"] == 60
     assert 1e-6 < row["force_max"] < 1e-3

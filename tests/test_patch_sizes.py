@@ -11,7 +11,7 @@ from sim import Hull, Linear, Note, Patches, Reference, Sea, Wave
 from sim.geometry import across, area_vectors, areas, cone_volumes, sides, split_triangles
 from sim.methods.patches import fit
 from sim.methods.patches import sizes as patch_sizes
-from sim.methods.patches.fit import jet_radius, jet_tolerance
+from sim.methods.patches.fit import EQUAL_RADIUS_RATIO, jet_radius, jet_tolerance
 from sim.methods.patches.patches import LARGEST_FORCE_ERROR
 from sim.methods.patches.sizes import (
     EDGE_RADII,
@@ -72,7 +72,8 @@ def test_a_tolerance_that_needs_too_many_patches_is_refused(
 def test_the_default_tolerance_has_a_budget(extents, steepness):
     hull, sea = box(extents), Sea([Wave(steepness * 4.0 / TURN, 4.0)])
     method = Patches(hull, sea)
-    assert len(method.tree.patches) <= MOST_PATCHES
+    count = np.count_nonzero(method.tree.patches["level"] == 0)
+    assert count <= MOST_PATCHES
     estimate_ratio = 1.2
     triangles = np.count_nonzero(method.tree.leaves["triangles"])
     assert triangles <= estimate_ratio * MOST_TRIANGLES
@@ -80,10 +81,10 @@ def test_the_default_tolerance_has_a_budget(extents, steepness):
     assert method.is_coarse == bool(method.notes)
     if not method.is_coarse:
         assert method.tolerance <= wanted * LARGER_RADIUS_RATIO**4
-        assert method.tolerance <= wanted or len(method.tree.patches) > 0.3 * MANY_PATCHES
-        assert method.tolerance >= wanted or len(method.tree.patches) < 4 * FEW_PATCHES
+        assert method.tolerance <= wanted or count > 0.3 * MANY_PATCHES
+        assert method.tolerance >= wanted or count < 4 * FEW_PATCHES
     else:  # a coarse method uses its budget
-        assert len(method.tree.patches) > 0.5 * MOST_PATCHES or max(extents) == 20.0
+        assert count > 0.5 * MOST_PATCHES or max(extents) == 20.0
 
 
 FEW = dict(MOST_PATCHES=400, MOST_TRIANGLES=4_000)
@@ -205,5 +206,6 @@ def test_a_larger_tolerance_never_needs_smaller_patches():
     tolerances = np.array([1e-3, 3e-3, 1e-2, 1.5e-2, 2e-2, 3e-2])
     for name in ("three", "chop", "forty"):
         radii, reached = np.transpose([jet_radius(SEAS[name], t, 0.87) for t in tolerances])
-        assert (np.diff(radii) > 0.0).all()
-        assert (reached > 0.7 * tolerances).all()
+        assert (radii[1:] * EQUAL_RADIUS_RATIO > radii[:-1]).all()  # where the search ends
+        # errors of chop grow with the eighth power of the radius, which is known to 5 percent
+        assert (reached > 0.45 * tolerances).all()

@@ -1,7 +1,8 @@
-"""Ship: the cost of a hull of a ship's size in irregular seas of many waves.
+"""Ship: the cost of large hulls in irregular seas of many waves.
 
-The hull is Wigley's form, stretched to the size of a destroyer (DTMB 5415: 142 m long, 19 m wide,
-draught 6.15 m). In hundreds of waves each patch takes hundreds of sines.
+The ship is Wigley's form, stretched to the size of a destroyer (DTMB 5415: 142 m long, 19 m wide,
+draught 6.15 m). In hundreds of waves each patch takes hundreds of sines. Two hulls reach far down,
+where only long waves are left: a bunny of 100 m and a semi-submersible.
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,6 +43,27 @@ def ship(mesh: trimesh.Trimesh) -> Hull:
     return Hull.from_trimesh(mesh)
 
 
+def tall_hulls(mesh: trimesh.Trimesh) -> dict[str, Hull]:
+    """A mesh, scaled to a length of 100 m and centred 10 m below the water, and a semi-submersible:
+    two pontoons under four columns, with a draught of 20 m."""
+    scaled = trimesh.Trimesh(mesh.vertices * (100.0 / mesh.extents.max()), mesh.faces)
+    scaled.apply_translation(-scaled.center_mass - [0.0, 0.0, 10.0])
+    boxes = []
+    for side in (-30.0, 30.0):
+        boxes.append(_box((100.0, 15.0, 10.0), (0.0, side, -15.0)))
+        boxes += [_box((12.0, 12.0, 35.0), (along, side, 5.0)) for along in (-35.0, 35.0)]
+    platform = trimesh.boolean.union(boxes, engine="manifold")
+    while len(platform.faces) < FEWEST_FACES // 4:
+        platform = platform.subdivide()
+    return {"bunny of 100 m": Hull.from_trimesh(scaled), "platform": Hull.from_trimesh(platform)}
+
+
+def _box(size: tuple[float, ...], centre: tuple[float, ...]) -> trimesh.Trimesh:
+    found = trimesh.creation.box(size)
+    found.apply_translation(centre)
+    return found
+
+
 def finer(hull: Hull) -> Hull:
     """The same surface with the triangles that the true wrenches need."""
     mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
@@ -62,16 +84,15 @@ def ship_poses(count: int, seed: int = 0) -> list[Pose]:
 
 
 def ship_costs(
-    mesh: trimesh.Trimesh, counts: Sequence[int], heights: Sequence[float], seconds: float
+    hull: Hull, counts: Sequence[int], heights: Sequence[float], seconds: float
 ) -> Iterator[dict[str, Any]]:
     """Yield a row per JONSWAP sea, for each count of waves and each significant height [m].
 
     A row holds the seconds of preparation, the number of patches and their tolerance [m],
-    microseconds per wrench of patches and of linear, and the largest force error of patches. Timing
+    microseconds per wrench of patches and of linear, and the largest force errors of both. Timing
     takes about `seconds` per sea.
     """
-    hull, poses = ship(mesh), ship_poses(POSE_COUNT)
-    fine = finer(hull)
+    poses, fine = ship_poses(POSE_COUNT), finer(hull)
     for count in counts:
         for height in heights:
             sea = Sea.jonswap(height, PEAK_PERIOD, waves=count, seed=1)
@@ -81,9 +102,11 @@ def ship_costs(
             times = 1e6 * time_in_turns([Linear(hull, sea), patches], poses, seconds)
             linear_us, us = times.min(axis=0).mean(axis=1)
             truth = wrenches(Linear(fine, sea), poses)
+            linear = wrenches(Linear(hull, sea), poses)
             yield {
                 "waves": count, "height": height, "ready_s": ready,
                 "patches": len(patches.tree.patches), "tolerance": patches.tolerance,
                 "us": float(us), "linear_us": float(linear_us),
                 "force_max": errors(wrenches(patches, poses), truth, patches).force_max,
+                "linear_force_max": errors(linear, truth, patches).force_max,
             }  # fmt: skip

@@ -1,9 +1,12 @@
 """Samples: estimates over particles of all phases, for properties of a sea that have no useful
 bound."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.kernels import read_only
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
@@ -36,6 +39,7 @@ def sample_labels(sea: Sea) -> Array:
     return np.random.default_rng(0).uniform(-span, span, (SAMPLES, 2))
 
 
+@lru_cache(maxsize=2)
 def sample_places(sea: Sea) -> tuple[Array, Array]:
     """Positions x, y (SAMPLES,) [m] of the samples, most of them where particles crowd, at the
     crests."""
@@ -45,7 +49,8 @@ def sample_places(sea: Sea) -> tuple[Array, Array]:
     rest = turns - np.round(turns)
     offsets = waves["amplitude"] * waves["stretch"] * np.cos(2.0 * np.pi * rest)
     directions = np.stack([waves["direction_x"], waves["direction_y"]], axis=1)
-    return tuple((labels + offsets @ directions).T.copy())
+    x, y = (labels + offsets @ directions).T.copy()
+    return read_only(x), read_only(y)
 
 
 def newton_steps(sea: Sea, error: float) -> tuple[int, float]:

@@ -5,9 +5,10 @@ estimated from samples of the sea (see `water.samples`). Bounds are several time
 many waves would have to coincide.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from math import factorial, prod
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from sim.water.samples import SAFETY, sample_places, still
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
+Chosen = slice | NDArray[np.int64]
 Table = NDArray[np.void]
 
 DISC_RADII, DECAYING_DISC_RADII = 0.65, 0.3
@@ -59,9 +61,42 @@ patches are, so the radius is halved until it is shorter than the waves. A next 
 SQUEEZES = (0.0, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
 """Limits of J that are tried where patches are larger than the tolerance asks for."""
 
+WORST_PART = 4
+"""One of this number of samples, the worst at the last radius at which all were tried, judges the
+radii of a search."""
+
+LEVEL_RATIO, MOST_LEVELS = 2.0, 5
+"""Ratio of the radii of patches of one level and the next, and largest number of levels below the
+surface. With smaller ratios the small patches fill their balls less well, and there are more of
+them: 1.6 times as many with 1.5, 1.1 times with 2."""
+
+DEPTH_STEP = 1.15
+"""Ratio of the depths that are tried for a level."""
+
+LEFT_OUT_SHARE = 0.02
+"""Share of the tolerance that the waves may amount to, at the top of a level's highest patch, that
+the level leaves out."""
+
+DEEP_STRIDE = 4
+"""One of this number of samples judges a level."""
+
 CENTRE_SHIFT_RADII = 0.05
 """Distance, in patch radii, between a patch's centre and the particle that its jet may come from.
 The solve can then stop early, and patches are smaller by this share."""
+
+
+class Level(NamedTuple):
+    """Patches of one size.
+
+    radius [m]: the largest; depth [m]: of their centres below the still level, from which they may
+    be used; sunk [m]: head that the waves take which matter only above (the mean of their surface
+    is lower than the still level); waves: the fitted waves.
+    """
+
+    radius: float
+    depth: float
+    sunk: float
+    waves: Table
 
 
 def fitted_waves(sea: Sea, radius: float | Array) -> Table:
@@ -111,18 +146,26 @@ def jet_radius(
 
     A bound from the fourth derivatives would need several times too many patches, because it
     assumes that many waves coincide. Instead, jets are tried at particles of all phases, and the
-    largest error found times SAFETY must pass: first on the outermost ring, where it usually is,
-    then on all rings.
+    largest error found times SAFETY must pass: first on the outermost ring around the particles
+    that were worst before, then around all particles, then on the other rings around the worst.
     """
     if not sea.components.size:
         return np.inf, 0.0
-    radius, error = largest, np.inf
+    radius, error, outer = largest, np.inf, np.inf
     good, kept, bad = 0.0, np.inf, np.inf
+    worst: Chosen = slice(None)
     for _ in range(MOST_RADIUS_TRIALS):
-        last, is_last = error, radius <= smallest
-        error = jet_tolerance(sea, radius, RINGS[-1:])
+        last, is_last = outer, radius <= smallest
+        errors = jet_errors(sea, radius, RINGS[-1:], worst)
+        is_all = isinstance(worst, slice)
+        if not is_all and (SAFETY * errors.max() <= tolerance or is_last):
+            errors, is_all = jet_errors(sea, radius, RINGS[-1:]), True
+        if is_all:
+            worst = np.argsort(errors)[-(errors.size // WORST_PART) :]
+        error = outer = SAFETY * float(errors.max())
         if error <= tolerance or is_last:
-            error = jet_tolerance(sea, radius)
+            inner = jet_errors(sea, radius, RINGS[:-1], worst)
+            error = max(outer, SAFETY * float(inner.max()))
         if error <= tolerance:
             good, kept = radius, error
         else:
@@ -136,27 +179,37 @@ def jet_radius(
                 break
         else:
             shrunk = 0.99 * (tolerance / error) ** 0.25
-            shrunk = shrunk if error < EQUAL_ERROR_RATIO * last else min(shrunk, 0.5)
+            shrunk = shrunk if outer < EQUAL_ERROR_RATIO * last else min(shrunk, 0.5)
             radius = max(radius * shrunk, smallest)
     return (good, kept) if good else (radius, error)
 
 
-def jet_tolerance(
-    sea: Sea, radius: float, rings: Sequence[float] = RINGS, squeeze: float = 0.0
-) -> float:
-    """Tolerance [m] that the fitted jets of a sea keep over patches of a radius [m], judged on
-    rings at distances in radii."""
-    find_error = jet_error if sea.pressure == "hydrostatic" else head_jet_error
-    return SAFETY * find_error(
-        sea, jet_waves(sea, radius), (1.0 + CENTRE_SHIFT_RADII) * radius, rings, squeeze
+def jet_tolerance(sea: Sea, radius: float, squeeze: float = 0.0) -> float:
+    """Tolerance [m] that the fitted jets of a sea keep over patches of a radius [m]."""
+    return SAFETY * float(jet_errors(sea, radius, RINGS, squeeze=squeeze).max())
+
+
+def jet_errors(
+    sea: Sea, radius: float, rings: Sequence[float], chosen: Chosen = slice(None),
+    squeeze: float = 0.0,
+) -> Array:  # fmt: skip
+    """Largest errors (N,) [m] of the fitted jets of a sea over patches of a radius [m], at the
+    chosen samples, on rings at distances in radii."""
+    find_errors = surface_errors if sea.pressure == "hydrostatic" else head_errors
+    return find_errors(
+        sea, jet_waves(sea, radius), (1.0 + CENTRE_SHIFT_RADII) * radius, rings, chosen, squeeze
     )
 
 
 def best_squeeze(sea: Sea, radius: float) -> tuple[float, float]:
     """The limit of J among SQUEEZES with which fitted jets of a sea over patches of a radius [m]
     keep the smallest tolerance, and that tolerance [m]."""
-    best = min(SQUEEZES, key=lambda squeeze: jet_tolerance(sea, radius, RINGS[-1:], squeeze))
-    return best, jet_tolerance(sea, radius, squeeze=best)
+
+    def largest(squeeze: float) -> float:
+        return float(jet_errors(sea, radius, RINGS[-1:], squeeze=squeeze).max())
+
+    best = min(SQUEEZES, key=largest)
+    return best, jet_tolerance(sea, radius, best)
 
 
 def jets_of(sea: Sea, waves: Table, x: Array, y: Array, squeeze: float = 0.0) -> Table:
@@ -168,20 +221,21 @@ def jets_of(sea: Sea, waves: Table, x: Array, y: Array, squeeze: float = 0.0) ->
     return jets
 
 
-def jet_error(
-    sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS, squeeze: float = 0.0
-) -> float:
-    """Largest error [m] of the surface's jets of fitted waves, at the samples, on rings around them
-    at distances in units of the radius [m]."""
-    x, y = sample_places(sea)
+def surface_errors(
+    sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS,
+    chosen: Chosen = slice(None), squeeze: float = 0.0,
+) -> Array:  # fmt: skip
+    """Largest errors (N,) [m] of the surface's jets of fitted waves, at the chosen samples, on
+    rings around them at distances in units of the radius [m]."""
+    x, y = (axis[chosen] for axis in sample_places(sea))
     jets = fields_of(jets_of(sea, waves, x, y, squeeze), SURFACE_TERMS)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    worst = 0.0
+    worst = np.zeros(x.size)
     for ring, angle in product(rings, angles):
         dx, dy = ring * radius * np.cos(angle), ring * radius * np.sin(angle)
         found = sea.elevation(x + dx, y + dy, sea.ramp) - still(sea)
         said = taylor_weights(SURFACE_TERMS, {"x": dx, "y": dy}) @ jets
-        worst = max(worst, float(np.abs(found - said).max()))
+        worst = np.maximum(worst, np.abs(found - said))
     return worst
 
 
@@ -196,29 +250,109 @@ def head_jets(
     return jets
 
 
-def head_jet_error(
-    sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS, squeeze: float = 0.0
-) -> float:
-    """Largest error [m] of the head's jets of fitted waves, as in `jet_error`, at the samples and
-    from two radii below to 0.7 radii above them, but not below the bottom. Above the water, only a
-    positive head counts as an error."""
+def head_errors(
+    sea: Sea, waves: Table, radius: float, rings: Sequence[float] = RINGS,
+    chosen: Chosen = slice(None), squeeze: float = 0.0,
+) -> Array:  # fmt: skip
+    """Largest errors (N,) [m] of the head's jets of fitted waves, as in `surface_errors`, at the
+    chosen samples and from two radii below to 0.7 radii above them, but not below the bottom. Above
+    the water, only a positive head counts as an error."""
     x, y = sample_places(sea)
-    share = np.resize(np.linspace(-2.0, 1.0, 7), x.size)
+    share = np.resize(np.linspace(-2.0, 1.0, 7), x.size)[chosen]
+    x, y = x[chosen], y[chosen]
     above = sea.elevation(x, y, sea.ramp) - still(sea) + radius * np.minimum(share, 0.0)
     above += 0.7 * radius * np.maximum(share, 0.0)
     above = np.maximum(above, -sea.depth)
     jets = fields_of(head_jets(sea, waves, x, y, above, squeeze), HEAD_TERMS)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    worst = 0.0
-    for ring, angle, dip in product(rings, angles, DIP_ANGLES):
+    return _missed(sea, jets, (x, y, above), radius, product(rings, angles, DIP_ANGLES))
+
+
+def _missed(
+    sea: Sea, jets: Array, places: tuple[Array, Array, Array], radius: float,
+    around: Iterable[tuple[float, float, float]],
+) -> Array:  # fmt: skip
+    """Largest errors (N,) [m] of jets (T, N) at places x, y and `above` the level, all (N,) [m], at
+    points around them: a distance in radii, a direction and a dip [rad]."""
+    x, y, above = places
+    worst = np.zeros(x.size)
+    for ring, angle, dip in around:
         dx, dy = (ring * radius * np.cos(dip) * f(angle) for f in (np.cos, np.sin))
         dz = ring * radius * np.sin(dip)
         found = sea.head(x + dx, y + dy, still(sea) + above + dz, sea.ramp)
         said = taylor_weights(HEAD_TERMS, {"x": dx, "y": dy, "z": dz}) @ jets
         missed = np.where(found >= 0.0, np.abs(found - said), np.maximum(said, 0.0))
         missed[above + dz < -sea.depth] = 0.0
-        worst = max(worst, float(missed.max()))
+        worst = np.maximum(worst, missed)
     return worst
+
+
+def deep_levels(
+    sea: Sea, radius: float, tolerance: float, reach: float, deepest: float, squeeze: float
+) -> tuple[Level, ...]:
+    """Levels of larger patches, which keep a tolerance [m] from some depth on, because short waves
+    do not reach that far down.
+
+    radius [m]: of the patches at the surface; reach [m]: radius of a patch with the whole hull;
+    deepest [m]: depth from which a level is of no use; squeeze: as in `jets.solve_jets`.
+    """
+    if sea.pressure == "hydrostatic" or not sea.components.size or radius >= reach:
+        return ()
+    x, y = sample_places(sea)
+    trough = SAFETY * float(np.abs(sea.elevation(x, y, sea.ramp) - still(sea)).max())
+    missed, levels, depth = _missed_estimate(sea, radius, radius), [], 0.0
+    smallest = radius
+    while radius < reach and len(levels) < MOST_LEVELS:
+        radius = min(LEVEL_RATIO * radius, reach)
+        kept = tolerance * smallest / radius
+        depth = max(depth, trough + (1.0 + CENTRE_SHIFT_RADII) * radius)
+        while depth <= deepest and _missed_estimate(sea, radius, depth) > missed * kept / tolerance:
+            depth *= DEPTH_STEP
+        while depth <= deepest:
+            level = _level_at(sea, radius, depth, kept)
+            if SAFETY * _deep_error(sea, level, squeeze) <= kept:
+                break
+            depth *= DEPTH_STEP
+        if depth > deepest:
+            break
+        levels.append(level)
+    return tuple(levels)
+
+
+def _missed_estimate(sea: Sea, radius: float, depth: float) -> float:
+    """Estimate [m] of what the best cubics over patches of a radius [m], at a depth [m] of their
+    centres, miss of the waves, each by itself: (k radius)^4 / 192 of its amplitude, at most all."""
+    k, a = sea.components["wavenumber"], sea.components["amplitude"]
+    shares = np.minimum((k * radius) ** 4 / 192.0, 1.0)
+    return float(np.linalg.norm(a * shares * np.exp(-k * max(depth - radius, 0.0))))
+
+
+def _level_at(sea: Sea, radius: float, depth: float, tolerance: float) -> Level:
+    """A level of patches, without the waves that do not reach them."""
+    k, a = sea.components["wavenumber"], sea.components["amplitude"]
+    order = np.argsort(-k)
+    left = np.cumsum((a * np.exp(-k * (depth - radius)))[order])
+    out = order[left <= LEFT_OUT_SHARE * tolerance]
+    sunk = 0.5 * (a * sea.components["ka"] * sea.components["stretch"])[out].sum()
+    kept = np.setdiff1d(np.arange(k.size), out)
+    return Level(radius, depth, float(sunk), read_only(jet_waves(sea, radius)[kept]))
+
+
+def _deep_error(sea: Sea, level: Level, squeeze: float) -> float:
+    """Largest error [m] of the head's jets of a level, at some of the samples, on the rims of
+    patches whose centres are at the depth of the level."""
+    x, y = (axis[::DEEP_STRIDE] for axis in sample_places(sea))
+    above, radius = np.full(x.size, -level.depth), (1.0 + CENTRE_SHIFT_RADII) * level.radius
+    if level.waves.size:
+        jets = fields_of(head_jets(sea, level.waves, x, y, above, squeeze), HEAD_TERMS)
+    else:
+        jets = np.zeros((len(HEAD_TERMS), x.size))
+        names = list(HEAD_TERMS)
+        jets[names.index("h")], jets[names.index("z")] = level.depth, -1.0
+    jets[0] -= level.sunk
+    angles = 2.0 * np.pi * np.arange(0, DIRECTIONS, 2) / DIRECTIONS
+    around = product(RINGS[-1:], angles, np.radians([-45.0, 0.0, 45.0]))
+    return float(_missed(sea, jets, (x, y, above), radius, around).max())
 
 
 def fields_of(jets: Table, terms: Mapping[str, str]) -> Array:

@@ -22,6 +22,10 @@ stages:
    surely wet adds its moments times the coefficients. Only nodes on the waterline are opened.
 3. At the leaves, heads of the vertices from the polynomial and the straight clip.
 
+Far below the surface only long waves are left, and larger patches suffice. The tree therefore has
+levels (`fit.deep_levels`): patches of each level hold from some depth of their centres on, and
+divide into patches of the level below. A step uses the largest that it may. They are wet all over.
+
 The work grows with the number of small waves under the hull and the length of the waterline, not
 with the number of triangles. Only stage 1 computes sines and cosines.
 
@@ -42,13 +46,13 @@ from sim.hulls.triangle import clip_dry_part
 from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
 from sim.methods.linear import write_turned
 from sim.methods.method import Compiled, Part, Settings
-from sim.methods.patches.fit import CENTRE_SHIFT_RADII, jet_waves, steepest_slope
+from sim.methods.patches.fit import CENTRE_SHIFT_RADII, Level, jet_waves, steepest_slope
 from sim.methods.patches.polynomial import (
     BENDING,
     LINEAR,
     MONOMIALS,
     POLYNOMIAL,
-    QUADRATICS,
+    SUMS,
     bend_at,
     decayed_polynomials,
     five,
@@ -66,12 +70,17 @@ from sim.methods.patches.tree import (
     PATCH,
     PatchTree,
     corner,
-    corner_set,
     joined,
     odd_corner_first,
 )
 from sim.notes import say
-from sim.water.gerstner import PLAIN_STEPS, WATER, WAVE, level_and_rise
+from sim.water.gerstner import (
+    PLAIN_STEPS,
+    WATER,
+    WAVE,
+    growth,
+    level_and_rise,
+)
 from sim.water.head_jets import HEAD_JET, solve_head_jets
 from sim.water.jets import JET, Near, near_particles, solve_jets
 from sim.water.samples import SAFETY, newton_steps, sample_places
@@ -85,15 +94,19 @@ LARGEST_FORCE_ERROR, JUDGED_POSES = 1e-2, 4
 * volume, and the number of poses in which it is measured. With 4 poses this takes a third of the
 time of cutting the hull."""
 
-INSTANCE = record(pose="i8", row="i8", first="i8", end="i8", tree="i8")
+INSTANCE = record(pose="i8", row="i8", first="i8", end="i8", level="i8", levels="i8")
 """A hull of a batch: rows of its pose and its wrench, its first patch and the end of its patches,
-and the number of its tree."""
+and the first LEVEL row and the number of levels of its tree."""
 
-SOLVE = record(steps="i8", residual="f8", squeeze="f8", waves="i8", reach="f8")
+SOLVE = record(steps="i8", residual="f8", squeeze="f8", reach="f8")
 """steps: number of Newton steps to a jet; residual [m] that is allowed after them; squeeze: limit
-of J in jets (see `jets`); waves: number of waves of the sea; reach: height above the surface, in
-radii of a patch, beyond which the patch is out of the water's reach. The surface is taken above the
-patch's centre."""
+of J in jets (see `jets`); reach: height above the surface, in radii of a patch, beyond which the
+patch is out of the water's reach. The surface is taken above the patch's centre."""
+
+LEVEL = record(first="i8", end="i8", depth="f8", sunk="f8", rise="f8")
+"""A level of a tree: the range of its fitted waves; the depth [m] below the still level from which
+the centres of its patches must lie, 0 for level 0; and the head [m] that the waves take which
+matter only above, with their `rise` (see `gerstner.WAVE`)."""
 
 CHOSEN = record(patch="i8", instance="i8", pose="i8")
 """A patch that the water could reach, its instance and its pose."""
@@ -101,17 +114,18 @@ CHOSEN = record(patch="i8", instance="i8", pose="i8")
 FOUND = record(node="i8", chosen="i8")
 """Result of a walk: a wet node or the leaf of an opened one, and the number of its chosen patch."""
 
-CUT = record(code="i8", opened="i8")
+CUT = record(code="i4", opened="i4")
 """A triangle that the waterline cuts, as in `triangle_codes`, and the number of its opened leaf."""
 
 
 class Water(NamedTuple):
-    """The tables of the sea in a block. `waves` holds the fitted waves of one tree after
+    """The tables of the sea in a block. `waves` holds the fitted waves of one level after
     another."""
 
     waves: Table
     water: Table
     solve: Table
+    levels: Table
 
 
 class Points(NamedTuple):
@@ -131,9 +145,10 @@ class Patches(Compiled):
     for a tolerance that is not positive or needs too many patches.
 
     is_coarse: whether the default could not be kept; tree: the hull cut for this sea; radius [m]:
-    of the largest patch allowed, inf on flat water; fitted: the components of the sea from which
-    this hull's jets are made, as in the search for the radius. Fits over smaller discs can have
-    larger errors where a wave is shorter than a patch.
+    of the largest patch allowed at the surface, inf on flat water; levels: the fitted components
+    of the sea from which this hull's jets are made, as in the search for the radius, and those of
+    the larger patches far below the surface. Fits over smaller discs can have larger errors where a
+    wave is shorter than a patch.
     """
 
     def __init__(self, hull: Hull, sea: Sea, tolerance: float | None = None) -> None:
@@ -157,7 +172,7 @@ class Patches(Compiled):
         self.radius, self.tolerance = sizes.radius, sizes.tolerance
         self.squeeze = sizes.squeeze
         self.is_coarse = sizes.is_coarse
-        self.fitted = jet_waves(sea, self.radius)
+        self.levels = (Level(self.radius, 0.0, 0.0, jet_waves(sea, self.radius)), *sizes.deep)
         self._prepare()
         if self.is_coarse:
             self._judge_force()
@@ -204,14 +219,16 @@ class Patches(Compiled):
         of_trees = list({id(method.tree): method for method in methods}.values())
         numbers = {id(method.tree): i for i, method in enumerate(of_trees)}
         first = np.cumsum([0] + [len(method.tree.patches) for method in of_trees])
+        levels = np.cumsum([0] + [len(method.levels) for method in of_trees])
         which = [numbers[id(method.tree)] for method in methods]
         instances = np.array(
             [
-                (place["pose"], place["row"], first[w], first[w + 1], w)
+                (place["pose"], place["row"], *first[w : w + 2], levels[w],
+                 len(of_trees[w].levels))
                 for w, place in zip(which, places, strict=True)
             ],
             INSTANCE,
-        )
+        )  # fmt: skip
         residual = CENTRE_SHIFT_RADII * min(
             method.tree.patches["radius"].max() for method in methods
         )
@@ -222,9 +239,19 @@ class Patches(Compiled):
         slope = steepest_slope(sea)
         # the heights are those of nearby particles, hence the shift
         reach = np.hypot(1.0, slope) + CENTRE_SHIFT_RADII * slope
-        solve = np.array([(steps, residual, squeeze, len(sea.components), reach)], SOLVE)
-        waves = np.concatenate([method.fitted for method in of_trees])
-        block = packed(*joined([m.tree for m in of_trees]), waves, sea.water, solve)
+        solve = np.array([(steps, residual, squeeze, reach)], SOLVE)
+        of_levels = [level for method in of_trees for level in method.levels]
+        waves = np.concatenate([level.waves for level in of_levels])
+        ends = np.cumsum([len(level.waves) for level in of_levels])
+        rise = sea.components["rise"].max(initial=0.0)
+        rows = np.array(
+            [
+                (end - len(level.waves), end, level.depth, level.sunk, rise)
+                for end, level in zip(ends, of_levels, strict=True)
+            ],
+            LEVEL,
+        )
+        block = packed(*joined([m.tree for m in of_trees]), waves, sea.water, solve, rows)
         instances = instances[np.argsort(which, kind="stable")]
         return [Part(patches_wrenches, block, read_only(instances))]
 
@@ -239,16 +266,19 @@ class Patches(Compiled):
         _, block, instances = self._alone
         chosen, reached = polynomials_of(block, instances, positions, rotations, float(time))
         patches, leaves = self.tree.patches, self.tree.leaves
-        coefficients = np.full((len(patches), MONOMIALS), np.nan)
-        coefficients[chosen["patch"]] = reached["c"]
-        patch = np.searchsorted(
-            patches["end"], np.flatnonzero(self.tree.nodes["leaf"] >= 0), side="right"
-        )
+        coefficients, used = np.full((len(patches), MONOMIALS), np.nan), np.arange(len(patches))
+        for patch, row in zip(chosen["patch"], reached["c"], strict=True):
+            inside = slice(patch, patches["after"][patch])
+            coefficients[inside], used[inside] = row, patch
+        small = np.flatnonzero(patches["level"] == 0)
+        of_leaf = np.flatnonzero(self.tree.nodes["leaf"] >= 0)
+        patch = small[np.searchsorted(patches["end"][small], of_leaf, side="right")]
         places = np.stack([leaves[axis] for axis in "xyz"], axis=-1)
-        heads = np.einsum("lvm,lm->lv", monomials(places), coefficients[patch])
-        centres = np.stack([patches[axis][patch] for axis in "xyz"], axis=-1)
-        places = (places + centres[:, None]).reshape(-1, 3) @ rotations.reshape(3, 3).T
-        return places + positions, heads.ravel()
+        centres = np.stack([patches[axis] for axis in "xyz"], axis=-1)
+        places += centres[patch][:, None]
+        from_centres = places - centres[used[patch]][:, None]
+        heads = np.einsum("lvm,lm->lv", monomials(from_centres), coefficients[patch])
+        return places.reshape(-1, 3) @ rotations.reshape(3, 3).T + positions, heads.ravel()
 
 
 @inline
@@ -265,7 +295,10 @@ def tree_of(block):
 @inline
 def water_of(block):
     """The tables of the sea in a block."""
-    return Water(table(block, 4, WAVE), table(block, 5, WATER), table(block, 6, SOLVE))
+    return Water(
+        table(block, 4, WAVE), table(block, 5, WATER), table(block, 6, SOLVE),
+        table(block, 7, LEVEL),
+    )  # fmt: skip
 
 
 @kernel
@@ -279,30 +312,38 @@ def most_patches(instances):
 
 @kernel
 def patches_below_crests(
-    patches, instances, water, time, positions, rotations, points_out, chosen_out
+    tree, instances, run, number, sea, time, positions, rotations, points_out, chosen_out
 ):
-    """Find all patches that the highest crest could reach: their centres and their CHOSEN rows.
-    Return their number."""
-    level, _ = level_and_rise(water, time)
-    count = 0
-    for i in range(instances.size):
-        first, end, pose = instances[i].first, instances[i].end, instances[i].pose
+    """Find the patches of a level of a run of instances that the highest crest could reach, and in
+    which no larger patch may be used: their centres and their CHOSEN rows. Return their number.
+
+    run: the first instance and the end of the run, which share a tree; number: of the level.
+    """
+    level, _ = level_and_rise(sea.water[0], time)
+    crest, count = sea.water[0].amplitude, 0
+    for i in range(run[0], run[1]):
+        p, end, pose = instances[i].first, instances[i].end, instances[i].pose
         position, rotation = positions[pose], rotations[pose]
-        for p in range(first, end):
-            patch = patches[p]
+        while p < end:
+            patch = tree.patches[p]
             x, y, z = placed(patch.x, patch.y, patch.z, position, rotation)
+            if patch.level > 0 and z - level > -sea.levels[instances[i].level + patch.level].depth:
+                p += 1
+                continue
             points_out.x[count], points_out.y[count], points_out.above[count] = x, y, z - level
             chosen = chosen_out[count]
             chosen.patch, chosen.instance, chosen.pose = p, i, pose
-            count += not z - level > water.amplitude + patch.radius
+            is_reached = not z - level > crest + patch.radius
+            count += is_reached and patch.level == number
+            p = patch.after
     return count
 
 
 @inline
-def end_of_tree(start, chosen, instances):
-    """The end of the run of chosen patches with the same tree as the patch at `start`."""
-    tree, end = instances[chosen[start].instance].tree, start
-    while end < chosen.size and instances[chosen[end].instance].tree == tree:
+def end_of_tree(start, instances):
+    """The end of the run of instances with the same tree as the instance at `start`."""
+    level, end = instances[start].level, start
+    while end < instances.size and instances[end].level == level:
         end += 1
     return end
 
@@ -314,6 +355,10 @@ def walk(tree, chosen, polynomials, wet_out, opened_out):
     wet_count, opened_count = 0, 0
     for i in range(chosen.size):
         p, patch = polynomials[i], tree.patches[chosen[i].patch]
+        if patch.level > 0:  # far below the surface
+            wet_out[wet_count].node, wet_out[wet_count].chosen = patch.first, i
+            wet_count += 1
+            continue
         # The box around points in a ball has its middle at most 1.1 radii from the ball's centre,
         # and so at most 2.1 radii from any point. Around that middle the cubic contributes
         # 3 C(middle, u, u) + C(u, u, u).
@@ -424,14 +469,25 @@ def add_wet_vertices(heads, n, leaf, sums_out, at):
     return wet / total
 
 
+@inline
+def add_bends(c, leaf, share, sums_out, at):
+    """Add a share of the polynomial's terms beyond linear heads over a wet leaf to an instance's
+    sums."""
+    xx, xy, xz, yy, yz, zz = bend_at(c, leaf, share)
+    q = leaf.bends
+    for j in range(SUMS):
+        sums_out[at, j] += (
+            xx * q[0, j] + xy * q[1, j] + xz * q[2, j] + yy * q[3, j] + yz * q[4, j] + zz * q[5, j]
+        )
+
+
 @summing_kernel
 def add_opened_leaves(opened, leaves, chosen, polynomials, heads_out, cut_out, sums_out):
-    """Add the leaves that the waterline may cross to their instances' sums (H, 6), before the clip:
-    the sums over the wet vertices, and the polynomial's terms beyond linear heads in proportion to
-    the wet share. Write the heads (., LEAF_VERTICES) and the CUT triangles, and return the number
-    of these."""
+    """Add the leaves that the waterline may cross to their instances' sums (H, SUMS), before the
+    clip: the sums over the wet vertices, and the polynomial's terms beyond linear heads in
+    proportion to the wet share. Write the heads (., LEAF_VERTICES) and the CUT triangles, and
+    return the number of these."""
     count = 0
-    bend = np.zeros(QUADRATICS)
     for n in range(opened.size):
         leaf, i = leaves[opened[n].node], opened[n].chosen
         at, c = chosen[i].instance, polynomials[i].c
@@ -440,20 +496,19 @@ def add_opened_leaves(opened, leaves, chosen, polynomials, heads_out, cut_out, s
         if wet == 0:
             continue
         share = add_wet_vertices(heads_out, n, leaf, sums_out, at)
-        bend_at(c, leaf, share, bend)
-        add_products(bend, 0, QUADRATICS, leaf.bends, sums_out, at)
+        add_bends(c, leaf, share, sums_out, at)
         for t in range(LEAF_TRIANGLES):
-            code = leaf.triangles[t]
-            cut_out[count].code, cut_out[count].opened = code, n
-            corners = corner_set(code)
-            count += (wet & corners != 0) & (wet & corners != corners)
+            corners = leaf.corner_sets[t]
+            cut_out[count].code, cut_out[count].opened = leaf.triangles[t], n
+            inside = wet & corners
+            count += (inside != 0) & (inside != corners)
     return count
 
 
 @kernel
 def subtract_dry_parts(cut, opened, heads, tree, chosen, sums_out):
-    """Subtract from the sums (H, 6) over wet vertices the sections that the clip removes from cut
-    triangles. This loop is separate because its body is the same for every cut triangle."""
+    """Subtract from the sums (H, SUMS) over wet vertices the sections that the clip removes from
+    cut triangles. This loop is separate because its body is the same for every cut triangle."""
     for n in range(cut.size):
         code, at = cut[n].code, cut[n].opened
         leaf, i = tree.leaves[opened[at].node], opened[at].chosen
@@ -518,38 +573,50 @@ def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomia
         head_polynomials(jets, above, chosen, rotations, polynomials_out)
 
 
+@kernel
+def sink_heads(level, time, polynomials_out):
+    """Take from the heads of a level's patches what the waves take that it leaves out."""
+    part = growth(level, time)
+    for i in range(polynomials_out.size):
+        polynomials_out[i].c[0] -= part * part * level.sunk
+
+
 @inline
 def reached_polynomials(tree, sea, instances, positions, rotations, time):
     """The CHOSEN patches that the water could reach, and the POLYNOMIAL of the head over each."""
     most, solve = most_patches(instances) + 1, sea.solve[0]
-    points = Points(np.empty(most), np.empty(most), np.empty(most))
-    chosen = np.empty(most, CHOSEN)
-    below_crests = patches_below_crests(
-        tree.patches, instances, sea.water[0], time, positions, rotations, points, chosen
-    )
-    polynomials = np.empty(below_crests, POLYNOMIAL)
+    rows = np.empty((3, most))
+    points = Points(rows[0], rows[1], rows[2])
+    chosen, polynomials = np.empty(most, CHOSEN), np.empty(most, POLYNOMIAL)
     start, count = 0, 0
-    while start < below_crests:
-        end = end_of_tree(start, chosen[:below_crests], instances)
-        number = instances[chosen[start].instance].tree
-        waves = sea.waves[number * solve.waves : (number + 1) * solve.waves]
-        run = Points(points.x[start:end], points.y[start:end], points.above[start:end])
-        near = near_particles(run.x, run.y, waves, time, solve.steps, solve.residual)
-        kept = keep_reached(tree.patches, solve.reach, run, near, chosen[start:end])
-        to = slice(count, count + kept)
-        for i in range(kept):
-            chosen[count + i] = chosen[start + i]
-        set_polynomials(
-            sea, waves, first_points(run, kept), first_particles(near, kept), time, chosen[to],
-            rotations, polynomials[to],
-        )  # fmt: skip
-        start, count = end, count + kept
+    while start < instances.size:
+        end = end_of_tree(start, instances)
+        for number in range(instances[start].levels):
+            level = sea.levels[instances[start].level + number]
+            waves = sea.waves[level.first : level.end]
+            found = patches_below_crests(
+                tree, instances, (start, end), number, sea, time, positions, rotations, points,
+                chosen[count:],
+            )  # fmt: skip
+            run = first_points(points, found)
+            near = near_particles(run.x, run.y, waves, time, solve.steps, solve.residual)
+            to = slice(count, count + found)
+            kept = keep_reached(tree.patches, solve.reach, run, near, chosen[to])
+            to = slice(count, count + kept)
+            set_polynomials(
+                sea, waves, first_points(run, kept), first_particles(near, kept), time, chosen[to],
+                rotations, polynomials[to],
+            )  # fmt: skip
+            if level.sunk > 0.0:
+                sink_heads(level, time, polynomials[to])
+            count += kept
+        start = end
     return chosen[:count], polynomials[:count]
 
 
 @kernel
 def surface_sums(tree, chosen, polynomials, sums_out):
-    """Add the wet surface of all chosen patches to their instances' sums (H, 6)."""
+    """Add the wet surface of all chosen patches to their instances' sums (H, SUMS)."""
     most = 0
     for i in range(chosen.size):
         most += tree.patches[chosen[i].patch].end - tree.patches[chosen[i].patch].first
@@ -577,7 +644,7 @@ def patches_wrenches(block, instances, positions, rotations, time, wrenches_out)
     tree, sea = tree_of(block), water_of(block)
     chosen, polynomials = reached_polynomials(tree, sea, instances, positions, rotations, time)
     scale = sea.water[0].scale
-    sums, turn = np.zeros((instances.size, 6)), np.empty(9)
+    sums, turn = np.zeros((instances.size, SUMS)), np.empty(9)
     if chosen.size > 0:
         surface_sums(tree, chosen, polynomials, sums)
     for i in range(instances.size):

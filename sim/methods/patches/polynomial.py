@@ -8,10 +8,13 @@ a sum over twenty monomials. This module makes such polynomials from jets, rotat
 them and moves their origin.
 """
 
+from math import comb, prod
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.kernels import inline, kernel, record
+from sim.water.gerstner import LANES
 from sim.water.head import depth
 
 Array = NDArray[np.float64]
@@ -23,12 +26,22 @@ moments are kept in single precision: the time of a step depends mostly on memor
 
 MONOMIALS = LINEAR + BENDING
 
-QUADRATICS = 8
-"""The six quadratic coefficients and two zeros, which fill a vector register."""
+QUADRATICS = 6
+"""Number of quadratic coefficients."""
+
+SUMS = 8
+"""The six components of a wrench and two zeros, which fill vector registers."""
 
 POLYNOMIAL = record(c=("f8", MONOMIALS), bound_2="f8", bound_3="f8", fills_lines=("f8", 2))
 """Coefficients of a head in the body frame around a patch's centre, and bounds on its second-order
 terms over the distance squared and its third-order terms over the distance cubed."""
+
+TURNING = record(
+    jets=("f8", (MONOMIALS, LANES)), turns=("f8", (9, LANES)), c=("f8", (MONOMIALS, LANES)),
+    bound_2=("f8", LANES), bound_3=("f8", LANES),
+)  # fmt: skip
+"""Workspace: LANES HEAD_JETs, the rotations of their poses, and their POLYNOMIALs in the body
+frame."""
 
 
 def monomials(d: Array) -> Array:
@@ -38,6 +51,36 @@ def monomials(d: Array) -> Array:
     second = xx, x * y, x * z, yy, y * z, zz
     third = x * xx, y * xx, z * xx, x * yy, x * y * z, x * zz, y * yy, z * yy, y * zz, z * zz
     return np.stack([np.ones_like(x), x, y, z, *second, *third], axis=-1)
+
+
+EXPONENTS = [
+    (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (2, 0, 0), (1, 1, 0), (1, 0, 1), (0, 2, 0),
+     (0, 1, 1), (0, 0, 2), (3, 0, 0), (2, 1, 0), (2, 0, 1), (1, 2, 0), (1, 1, 1), (1, 0, 2),
+     (0, 3, 0), (0, 2, 1), (0, 1, 2), (0, 0, 3),
+]  # fmt: skip
+"""Exponents of x, y and z in the monomials."""
+
+
+BINOMIALS = [
+    (i, j, prod(map(comb, of, to)), *np.subtract(of, to))
+    for i, of in enumerate(EXPONENTS)
+    for j, to in enumerate(EXPONENTS)
+    if all(m <= n for m, n in zip(to, of, strict=True))
+]
+"""The terms of monomial i at d + offset: the monomial j at d, a factor, and the exponents of the
+offset."""
+
+
+def moved_monomials(offsets: Array) -> Array:
+    """Matrices (N, MONOMIALS, MONOMIALS) that map the monomials at d to those at d + offset, for
+    offsets (N, 3), by the binomial theorem."""
+    i, j, ways, *exponents = np.array(BINOMIALS).T
+    powers = offsets[:, :, None] ** np.arange(4)
+    found = np.zeros((len(offsets), MONOMIALS, MONOMIALS))
+    found[:, i, j] = ways
+    for axis, exponent in enumerate(exponents):
+        found[:, i, j] *= powers[:, axis, exponent]
+    return found
 
 
 def local_quadratic(places: Array) -> Array:
@@ -110,85 +153,128 @@ def product(ax, ay, az, bx, by, bz):
 
 
 @inline
-def add_cubic(q, xx, xy, xz, yy, yz, zz, x, y, z):
-    """Add the product of a quadratic and a linear form to the cubic coefficients."""
-    q[10] += xx * x
-    q[11] += xx * y + xy * x
-    q[12] += xx * z + xz * x
-    q[13] += xy * y + yy * x
-    q[14] += xy * z + xz * y + yz * x
-    q[15] += xz * z + zz * x
-    q[16] += yy * y
-    q[17] += yy * z + yz * y
-    q[18] += yz * z + zz * y
-    q[19] += zz * z
+def add_cubic(q, i, xx, xy, xz, yy, yz, zz, x, y, z):
+    """Add the product of a quadratic and a linear form to the cubic coefficients in lane i."""
+    q[10, i] += xx * x
+    q[11, i] += xx * y + xy * x
+    q[12, i] += xx * z + xz * x
+    q[13, i] += xy * y + yy * x
+    q[14, i] += xy * z + xz * y + yz * x
+    q[15, i] += xz * z + zz * x
+    q[16, i] += yy * y
+    q[17, i] += yy * z + yz * y
+    q[18, i] += yz * z + zz * y
+    q[19, i] += zz * z
 
 
 @inline
-def form(a, b, c, r):
-    """The linear form a x + b y + c z of world coordinates, in the frame of a rotation (9,)."""
+def form(a, b, c, r, i):
+    """The linear form a x + b y + c z of world coordinates, in the frame of the rotation in lane
+    i."""
     return (
-        a * r[0] + b * r[3] + c * r[6],
-        a * r[1] + b * r[4] + c * r[7],
-        a * r[2] + b * r[5] + c * r[8],
+        a * r[0, i] + b * r[3, i] + c * r[6, i],
+        a * r[1, i] + b * r[4, i] + c * r[7, i],
+        a * r[2, i] + b * r[5, i] + c * r[8, i],
     )
 
 
-@kernel
-def set_quadratic(jet, r, polynomial_out):
-    """Second-order coefficients of a HEAD_JET in the frame of a rotation (9,), and their bound."""
-    q = polynomial_out.c
-    xx, yy, zz = 0.5 * jet.xx, 0.5 * jet.yy, 0.5 * jet.zz
-    ux, uy, uz = form(xx, jet.xy, jet.xz, r)
-    vx, vy, vz = form(0.0, yy, jet.yz, r)
-    wx, wy, wz = form(0.0, 0.0, zz, r)
-    a0, a1, a2, a3, a4, a5 = product(r[0], r[1], r[2], ux, uy, uz)
-    b0, b1, b2, b3, b4, b5 = product(r[3], r[4], r[5], vx, vy, vz)
-    c0, c1, c2, c3, c4, c5 = product(r[6], r[7], r[8], wx, wy, wz)
-    q[4], q[5], q[6] = a0 + b0 + c0, a1 + b1 + c1, a2 + b2 + c2
-    q[7], q[8], q[9] = a3 + b3 + c3, a4 + b4 + c4, a5 + b5 + c5
-    mixed = jet.xy * jet.xy + jet.xz * jet.xz + jet.yz * jet.yz
-    polynomial_out.bound_2 = np.sqrt(xx * xx + yy * yy + zz * zz + 0.5 * mixed)
+@inline
+def set_linear(w, i):
+    """Value and first-order coefficients of the jet in lane i of a TURNING."""
+    w.c[0, i] = w.jets[0, i]
+    w.c[1, i], w.c[2, i], w.c[3, i] = form(w.jets[1, i], w.jets[2, i], w.jets[3, i], w.turns, i)
 
 
-@kernel
-def set_cubic(jet, r, polynomial_out):
-    """Third-order coefficients and their bound. The cubic is (a . d)^2 (u . d) + (b . d)^2 (v . d)
-    + (c . d)^2 (w . d) plus the product of all three forms."""
-    q = polynomial_out.c
-    xxx, xxy, xxz = jet.xxx / 6.0, 0.5 * jet.xxy, 0.5 * jet.xxz
-    xyy, yyy, yyz = 0.5 * jet.xyy, jet.yyy / 6.0, 0.5 * jet.yyz
-    xzz, yzz, zzz, xyz = 0.5 * jet.xzz, 0.5 * jet.yzz, jet.zzz / 6.0, jet.xyz
-    ax, ay, az, bx, by, bz, cx, cy, cz = r
+@inline
+def set_quadratic(w, i):
+    """Second-order coefficients of the jet in lane i of a TURNING, and their bound."""
+    q, r, jet = w.c, w.turns, w.jets
+    xx, xy, yy = 0.5 * jet[4, i], jet[5, i], 0.5 * jet[6, i]
+    xz, yz, zz = jet[7, i], jet[8, i], 0.5 * jet[9, i]
+    ux, uy, uz = form(xx, xy, xz, r, i)
+    vx, vy, vz = form(0.0, yy, yz, r, i)
+    wx, wy, wz = form(0.0, 0.0, zz, r, i)
+    a0, a1, a2, a3, a4, a5 = product(r[0, i], r[1, i], r[2, i], ux, uy, uz)
+    b0, b1, b2, b3, b4, b5 = product(r[3, i], r[4, i], r[5, i], vx, vy, vz)
+    c0, c1, c2, c3, c4, c5 = product(r[6, i], r[7, i], r[8, i], wx, wy, wz)
+    q[4, i], q[5, i], q[6, i] = a0 + b0 + c0, a1 + b1 + c1, a2 + b2 + c2
+    q[7, i], q[8, i], q[9, i] = a3 + b3 + c3, a4 + b4 + c4, a5 + b5 + c5
+    w.bound_2[i] = np.sqrt(xx * xx + yy * yy + zz * zz + 0.5 * (xy * xy + xz * xz + yz * yz))
+
+
+@inline
+def set_cubic(w, i):
+    """Third-order coefficients of the jet in lane i of a TURNING, and their bound. The cubic is (a
+    . d)^2 (u . d) + (b . d)^2 (v . d) + (c . d)^2 (w . d) plus the product of all three forms."""
+    q, r, jet = w.c, w.turns, w.jets
+    xxx, xxy, xyy, yyy = jet[10, i] / 6.0, 0.5 * jet[11, i], 0.5 * jet[12, i], jet[13, i] / 6.0
+    xxz, xyz, yyz = 0.5 * jet[14, i], jet[15, i], 0.5 * jet[16, i]
+    xzz, yzz, zzz = 0.5 * jet[17, i], 0.5 * jet[18, i], jet[19, i] / 6.0
+    ax, ay, az = r[0, i], r[1, i], r[2, i]
+    bx, by, bz = r[3, i], r[4, i], r[5, i]
+    cx, cy, cz = r[6, i], r[7, i], r[8, i]
     for j in range(10, MONOMIALS):
-        q[j] = 0.0
+        q[j, i] = 0.0
     xx, xy, xz, yy, yz, zz = squared(ax, ay, az)
-    x, y, z = form(xxx, xxy, xxz, r)
-    add_cubic(q, xx, xy, xz, yy, yz, zz, x, y, z)
+    x, y, z = form(xxx, xxy, xxz, r, i)
+    add_cubic(q, i, xx, xy, xz, yy, yz, zz, x, y, z)
     xx, xy, xz, yy, yz, zz = squared(bx, by, bz)
-    x, y, z = form(xyy, yyy, yyz, r)
-    add_cubic(q, xx, xy, xz, yy, yz, zz, x, y, z)
+    x, y, z = form(xyy, yyy, yyz, r, i)
+    add_cubic(q, i, xx, xy, xz, yy, yz, zz, x, y, z)
     xx, xy, xz, yy, yz, zz = squared(cx, cy, cz)
-    x, y, z = form(xzz, yzz, zzz, r)
-    add_cubic(q, xx, xy, xz, yy, yz, zz, x, y, z)
+    x, y, z = form(xzz, yzz, zzz, r, i)
+    add_cubic(q, i, xx, xy, xz, yy, yz, zz, x, y, z)
     xx, xy, xz, yy, yz, zz = product(ax, ay, az, bx, by, bz)
-    add_cubic(q, xx, xy, xz, yy, yz, zz, xyz * cx, xyz * cy, xyz * cz)
+    add_cubic(q, i, xx, xy, xz, yy, yz, zz, xyz * cx, xyz * cy, xyz * cz)
     mixed = xxy * xxy + xxz * xxz + xyy * xyy + yyz * yyz + xzz * xzz + yzz * yzz
-    polynomial_out.bound_3 = np.sqrt(
-        xxx * xxx + yyy * yyy + zzz * zzz + mixed / 3.0 + xyz * xyz / 6.0
-    )
+    w.bound_3[i] = np.sqrt(xxx * xxx + yyy * yyy + zzz * zzz + mixed / 3.0 + xyz * xyz / 6.0)
+
+
+@kernel
+def gather_lanes(jets, chosen, rotations, work):
+    """Copy up to LANES HEAD_JETs and the rotations of their patches into the lanes of a TURNING,
+    and repeat the first one in the lanes that are left."""
+    w = work[0]
+    for i in range(LANES):
+        n = i if i < jets.size else 0
+        jet, r = jets[n], rotations[chosen[n].pose]
+        for j in range(9):
+            w.turns[j, i] = r[j]
+        w.jets[0, i], w.jets[1, i], w.jets[2, i], w.jets[3, i] = jet.h, jet.x, jet.y, jet.z
+        w.jets[4, i], w.jets[5, i], w.jets[6, i] = jet.xx, jet.xy, jet.yy
+        w.jets[7, i], w.jets[8, i], w.jets[9, i] = jet.xz, jet.yz, jet.zz
+        w.jets[10, i], w.jets[11, i], w.jets[12, i] = jet.xxx, jet.xxy, jet.xyy
+        w.jets[13, i], w.jets[14, i], w.jets[15, i] = jet.yyy, jet.xxz, jet.xyz
+        w.jets[16, i], w.jets[17, i] = jet.yyz, jet.xzz
+        w.jets[18, i], w.jets[19, i] = jet.yzz, jet.zzz
+
+
+@kernel
+def turn_lanes(work):
+    """Compute the polynomials of a TURNING."""
+    w = work[0]
+    for i in range(LANES):
+        set_linear(w, i)
+    for i in range(LANES):
+        set_quadratic(w, i)
+    for i in range(LANES):
+        set_cubic(w, i)
 
 
 @kernel
 def decayed_polynomials(jets, chosen, rotations, polynomials_out):
     """Polynomials (N,) of the heads around the chosen patches' centres, from their HEAD_JETs."""
-    for i in range(jets.size):
-        jet, r, polynomial = jets[i], rotations[chosen[i].pose], polynomials_out[i]
-        q = polynomial.c
-        q[0] = jet.h
-        q[1], q[2], q[3] = form(jet.x, jet.y, jet.z, r)
-        set_quadratic(jet, r, polynomial)
-        set_cubic(jet, r, polynomial)
+    work = np.empty(1, TURNING)
+    w = work[0]
+    for start in range(0, jets.size, LANES):
+        end = min(start + LANES, jets.size)
+        gather_lanes(jets[start:end], chosen[start:end], rotations, work)
+        turn_lanes(work)
+        for i in range(end - start):
+            polynomial = polynomials_out[start + i]
+            for j in range(MONOMIALS):
+                polynomial.c[j] = w.c[j, i]
+            polynomial.bound_2, polynomial.bound_3 = w.bound_2[i], w.bound_3[i]
 
 
 @inline
@@ -207,15 +293,17 @@ def head_and_slope(q, x, y, z):
 
 
 @inline
-def bend_at(c, leaf, factor, bend_out):
+def bend_at(c, leaf, factor):
     """The six quadratic coefficients of a polynomial around a leaf's middle, times a factor."""
     x, y, z = leaf.middle_x, leaf.middle_y, leaf.middle_z
-    bend_out[0] = factor * (c[4] + 3.0 * x * c[10] + y * c[11] + z * c[12])
-    bend_out[1] = factor * (c[5] + 2.0 * x * c[11] + 2.0 * y * c[13] + z * c[14])
-    bend_out[2] = factor * (c[6] + 2.0 * x * c[12] + y * c[14] + 2.0 * z * c[15])
-    bend_out[3] = factor * (c[7] + x * c[13] + 3.0 * y * c[16] + z * c[17])
-    bend_out[4] = factor * (c[8] + x * c[14] + 2.0 * y * c[17] + 2.0 * z * c[18])
-    bend_out[5] = factor * (c[9] + x * c[15] + y * c[18] + 3.0 * z * c[19])
+    return (
+        factor * (c[4] + 3.0 * x * c[10] + y * c[11] + z * c[12]),
+        factor * (c[5] + 2.0 * x * c[11] + 2.0 * y * c[13] + z * c[14]),
+        factor * (c[6] + 2.0 * x * c[12] + y * c[14] + 2.0 * z * c[15]),
+        factor * (c[7] + x * c[13] + 3.0 * y * c[16] + z * c[17]),
+        factor * (c[8] + x * c[14] + 2.0 * y * c[17] + 2.0 * z * c[18]),
+        factor * (c[9] + x * c[15] + y * c[18] + 3.0 * z * c[19]),
+    )
 
 
 @inline

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from sim.geometry import sides
 from sim.hulls.hull import Hull
 from sim.methods.patches.fit import (
+    Level,
     best_squeeze,
+    deep_levels,
     edge_tolerance,
     jet_radius,
     jet_waves,
@@ -40,10 +42,10 @@ FEW_PATCHES, FEW_PATCHES_DEPTH_SHARE = 30, 1.0 / 100.0
 the tolerance is then reduced. This costs little."""
 
 MANY_PATCHES, LARGER_RADIUS_RATIO = 200, 1.4
-"""Estimated number of patches above which errors cancel so well that patches may be larger, and the
-largest factor of their radius. It multiplies the tolerance by four. Patches are enlarged only as
-long as this number of them remains. The errors of random cases are then no larger than for other
-hulls."""
+"""Estimated number of patches above which larger ones are made for the deep, and above which errors
+cancel so well that patches may be larger, and the largest factor of their radius. It multiplies the
+tolerance by four. Patches are enlarged only as long as this number of them remains. The errors of
+random cases are then no larger than for other hulls."""
 
 LINEAR_SHARE = 0.5
 """Share of the tolerance spent on interpolating linearly over a triangle. Under a crest, all these
@@ -73,13 +75,15 @@ are smaller than the rest.)"""
 class Sizes(NamedTuple):
     """Sizes of a cut, in metres: the largest radius of a patch, the longest edge of a triangle, and
     the tolerance that they keep. is_coarse: whether the tolerance is larger than the default
-    because the number of patches or triangles is limited. squeeze: the limit of J in jets."""
+    because the number of patches or triangles is limited. squeeze: the limit of J in jets. deep:
+    levels of larger patches far below the surface."""
 
     radius: float
     edge: float
     tolerance: float
     is_coarse: bool = False
     squeeze: float = 0.0
+    deep: tuple[Level, ...] = ()
 
 
 def default_tolerance(hull: Hull) -> float:
@@ -91,15 +95,24 @@ def cut(hull: Hull, sea: Sea, tolerance: float | None) -> tuple[Sizes, PatchTree
     """Cut a hull for a sea to a tolerance [m]. None gives the default one, or the nearest one that
     can be kept. Raises ValueError for a tolerance that needs too many patches or triangles."""
     if tolerance is not None:
-        sizes = _asked(hull, sea, tolerance)
-        return sizes, build_tree(hull, sizes.radius, sizes.edge)
+        return _built(hull, sea, _asked(hull, sea, tolerance))
     most = int(0.9 * MOST_PATCHES)  # as estimated
     while True:
-        sizes = _default(hull, sea, most)
-        tree = build_tree(hull, sizes.radius, sizes.edge)
-        if len(tree.patches) <= MOST_PATCHES or sizes.radius == np.inf:
+        sizes, tree = _built(hull, sea, _default(hull, sea, most))
+        count = np.count_nonzero(tree.patches["level"] == 0)
+        if count <= MOST_PATCHES or sizes.radius == np.inf:
             return sizes, tree
-        most = int(0.9 * most * MOST_PATCHES / len(tree.patches))
+        most = int(0.9 * most * MOST_PATCHES / count)
+
+
+def _built(hull: Hull, sea: Sea, sizes: Sizes) -> tuple[Sizes, PatchTree]:
+    """The tree of a hull, and the sizes with its levels."""
+    deep: tuple[Level, ...] = ()
+    if sizes.radius < _radius_of(hull, MANY_PATCHES):
+        reach = _reach(hull)
+        deep = deep_levels(sea, sizes.radius, sizes.tolerance, reach, hull.length, sizes.squeeze)
+    tree = build_tree(hull, sizes.radius, sizes.edge, [level.radius for level in deep])
+    return sizes._replace(deep=deep), tree
 
 
 def _asked(hull: Hull, sea: Sea, tolerance: float) -> Sizes:

@@ -25,8 +25,10 @@ from sim.methods.patches.polynomial import (
     LINEAR,
     MONOMIALS,
     QUADRATICS,
+    SUMS,
     local_quadratic,
     monomials,
+    moved_monomials,
 )
 
 Array = NDArray[np.float64]
@@ -68,11 +70,12 @@ CORNER_BITS = 5
 CORNER_MASK = (1 << CORNER_BITS) - 1
 """Mask for one corner."""
 
-CORNER_SET_BIT = 5 * CORNER_BITS
-"""Position of the first bit of the set of corners in a triangle's code."""
-
-PATCH = record(x="f8", y="f8", z="f8", radius="f8", first="i8", end="i8")
-"""Centre and radius [m] of a patch in the body frame, its first node and the end of its nodes."""
+PATCH = record(
+    x="f8", y="f8", z="f8", radius="f8", first="i8", end="i8", level="i8", after="i8"
+)  # fmt: skip
+"""Centre and radius [m] of a patch in the body frame, its first node and the end of its nodes, its
+level, and the patch after it and the patches of lower levels inside it, which follow it. Patches of
+level 0 are the smallest ones. A patch of a higher level has a single node."""
 
 NODE = record(
     x="f8", y="f8", z="f8", half_x="f8", half_y="f8", half_z="f8", after="i8", leaf="i8"
@@ -86,16 +89,16 @@ MOMENTS = record(linear=("f8", (6, LINEAR)), bending=("f4", (6, BENDING)))
 
 LEAF = record(
     x=("f8", LEAF_VERTICES), y=("f8", LEAF_VERTICES), z=("f8", LEAF_VERTICES),
-    weights=("f8", (6, LEAF_VERTICES)), bends=("f8", (6, QUADRATICS)),
-    middle_x="f8", middle_y="f8", middle_z="f8",
-    triangles=("i8", LEAF_TRIANGLES), fills_lines=("f8", 5),
+    weights=("f8", (6, LEAF_VERTICES)), bends=("f8", (QUADRATICS, SUMS)),
+    corner_sets=("i4", LEAF_TRIANGLES), triangles=("i4", LEAF_TRIANGLES),
+    middle_x="f8", middle_y="f8", middle_z="f8", fills_lines=("f8", 5),
 )  # fmt: skip
 """A leaf.
 
 x, y, z: positions of its vertices relative to the patch's centre [m]; weights: of the vertices, as
 in `linear`, 0 for unused ones; bends: contributions of the quadratic coefficients at the leaf's
-middle, beyond the sum over the vertices, when all of the leaf is wet; triangles: as in
-`triangle_codes`, 0 for unused ones.
+middle, beyond the sum over the vertices, when all of the leaf is wet; corner_sets: the corners of
+each triangle as bits; triangles: as in `triangle_codes`; both are 0 for unused triangles.
 """
 
 
@@ -111,23 +114,15 @@ class PatchTree(NamedTuple):
 
 def triangle_codes(corners: Integers) -> Integers:
     """Triangles (N, 3) of vertices below 32 as one number each: a, b, c, a, b in CORNER_BITS each,
-    from which the corners can be read in any cyclic order, then the set of corners as bits."""
-    bits = (np.int64(1) << corners).sum(axis=1) << CORNER_SET_BIT
-    for place, corner in enumerate((0, 1, 2, 0, 1)):
-        bits |= corners[:, corner] << place * CORNER_BITS
-    return bits
+    from which the corners can be read in any cyclic order."""
+    shifts = CORNER_BITS * np.arange(5)
+    return (corners[:, [0, 1, 2, 0, 1]] << shifts).sum(axis=1)
 
 
 @inline
 def corner(code, i):
     """Corner number i, 0 to 4, of a triangle's code: a, b, c, a, b."""
     return code >> i * CORNER_BITS & CORNER_MASK
-
-
-@inline
-def corner_set(code):
-    """The corners of a triangle's code as bits."""
-    return code >> CORNER_SET_BIT
 
 
 @inline
@@ -140,9 +135,11 @@ def odd_corner_first(code, heads, n):
     return code >> CORNER_BITS * ((wet_b != wet_c) * (1 + (wet_a != wet_c)))
 
 
-def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
+def build_tree(hull: Hull, radius: float, edge: float, larger: Sequence[float] = ()) -> PatchTree:
     """Cut a hull into patches of at most a radius [m], with its triangles split until no edge is
-    longer than `edge` [m] or the radius. Raises ValueError when this makes too many triangles."""
+    longer than `edge` [m] or the radius. larger: the rising radii [m] of the patches of level 1, 2
+    and so on, which the patches of lower levels divide. Raises ValueError when this makes too many
+    triangles."""
     edge = min(edge, radius)
     try:
         corners = split_triangles(
@@ -155,7 +152,7 @@ def build_tree(hull: Hull, radius: float, edge: float) -> PatchTree:
             f"the tolerance needs triangles with edges below {edge:.3g} m, {error} "
             "on this hull; use a larger tolerance or a calmer sea"
         ) from None
-    return _Builder(corners, radius).tree()
+    return _Builder(corners, (radius, *larger)).tree()
 
 
 @kernel
@@ -246,14 +243,27 @@ def find_nearest(points, seeds, nearest_out):
         nearest_out[i] = best
 
 
+class _Piece(NamedTuple):
+    """A patch: the numbers of its triangles, its centre and radius [m], its level, and the number
+    of patches in it, itself included."""
+
+    chosen: Integers
+    centre: Array
+    radius: float
+    level: int = 0
+    count: int = 1
+
+
 class _Builder:
     """Builds the tree from the root. A patch begins where a node's radius first suffices. As much
     as possible is computed for all triangles at once, because there may be many thousand
-    patches."""
+    patches.
 
-    def __init__(self, corners: Array, radius: float) -> None:
+    radii [m]: of the levels."""
+
+    def __init__(self, corners: Array, radii: Sequence[float]) -> None:
         self.corners = corners
-        self.radius = radius
+        self.radii = radii
         self.middles = corners.mean(axis=1)
         self.area_vectors = area_vectors(corners)
         self.sizes = np.maximum(np.linalg.norm(self.area_vectors, axis=1), SMALLEST_DIVISOR)
@@ -261,22 +271,26 @@ class _Builder:
         self.points, self.numbers = corners.reshape(-1, 3)[first], numbers.reshape(-1, 3)
 
     def tree(self) -> PatchTree:
-        found = list(self._patches(np.arange(len(self.corners))))
-        centres = np.array([centre for _, centre, _ in found])
-        counts = np.array([len(chosen) for chosen, _, _ in found])
-        order = np.concatenate([chosen for chosen, _, _ in found])
+        pieces = self._pieces(np.arange(len(self.corners)), len(self.radii) - 1)
+        found = [piece for piece in pieces if piece.level == 0]
+        centres = np.array([piece.centre for piece in found])
+        counts = np.array([len(piece.chosen) for piece in found])
+        order = np.concatenate([piece.chosen for piece in found])
         ends = np.cumsum(counts)
         nodes, spans, first = divided(
             order, np.concatenate([[0], ends]), centres, self.corners, self.numbers
         )
-        patches = np.zeros(len(found), PATCH)
-        patches["x"], patches["y"], patches["z"] = centres.T
-        patches["radius"] = [radius for _, _, radius in found]
-        patches["first"], patches["end"] = first[:-1], first[1:]
+        patches = _patch_table(pieces)
+        is_small = patches["level"] == 0
+        patches["first"][is_small], patches["end"][is_small] = first[:-1], first[1:]
         of_triangle = np.repeat(centres, counts, axis=0)
         is_leaf = nodes["leaf"] >= 0
         leaves, of_leaves = self._leaves(order, spans[is_leaf], of_triangle)
-        return PatchTree(patches, nodes, _moment_table(nodes, of_leaves), leaves)
+        moments = _moments(nodes, of_leaves)
+        nodes, moments = _with_larger(patches, nodes, moments)
+        table = np.zeros(len(nodes), MOMENTS)
+        table["linear"], table["bending"] = np.split(moments, [LINEAR], axis=2)
+        return PatchTree(patches, nodes, table, leaves)
 
     def _leaves(self, order: Integers, spans: Integers, centres: Array) -> tuple[Table, Array]:
         """LEAF rows and moments (L, 6, MONOMIALS) of leaves. spans (L, 2): their ranges of `order`;
@@ -299,15 +313,15 @@ class _Builder:
         exact = np.zeros((len(spans), 6, 6))
         rule = gauss_rule(3)  # exact to degree 4; the torque of a quadratic head has degree 3
         add_quadratic_moments(self.corners[order], which, centres[start], *rule, exact)
-        bends = np.zeros((len(spans), 6, QUADRATICS))
-        bends[:, :, :6] = exact - moments[:, :, LINEAR : LINEAR + 6]
-        moments[:, :, LINEAR:] += bends[:, :, :6] @ local_quadratic(middles)
+        bends = exact - moments[:, :, LINEAR : LINEAR + 6]
+        moments[:, :, LINEAR:] += bends @ local_quadratic(middles)
         leaves = np.zeros(len(spans), LEAF)
         leaves["x"], leaves["y"], leaves["z"] = np.moveaxis(places, 2, 0)
-        leaves["weights"], leaves["bends"] = weights, bends
+        leaves["weights"], leaves["bends"][:, :, :6] = weights, np.swapaxes(bends, 1, 2)
         leaves["middle_x"], leaves["middle_y"], leaves["middle_z"] = middles.T
-        codes = triangle_codes(slot[corner.reshape(-1, 3)])
-        leaves["triangles"][which, np.arange(len(order)) - start[which]] = codes
+        corners, at = slot[corner.reshape(-1, 3)], (which, np.arange(len(order)) - start[which])
+        leaves["triangles"][at] = triangle_codes(corners)
+        leaves["corner_sets"][at] = (np.int64(1) << corners).sum(axis=1)
         return leaves, moments
 
     def _places(self, leaf_of: Integers, slot: Integers, found: Array) -> Array:
@@ -325,21 +339,32 @@ class _Builder:
         sums = np.stack([np.bincount(at, part, room) for part in shares.T])
         return np.ascontiguousarray(sums.reshape(6, -1, LEAF_VERTICES).transpose(1, 0, 2), float)
 
-    def _patches(self, chosen: Integers) -> Iterator[tuple[Integers, Array, float]]:
-        """Divide triangles until they fit a patch. Yield its triangles, centre and radius."""
-        centre, radius = enclosing_ball(self.corners[chosen], self.sizes[chosen])
-        if radius <= self.radius or len(chosen) == 1:
-            yield chosen, centre, radius
-            return
-        for part in self._parts(chosen):
-            yield from self._patches(part)
+    def _pieces(self, chosen: Integers, level: int) -> list[_Piece]:
+        """Patches of a level and, after each, the patches of lower levels in it. A patch that lower
+        levels do not divide belongs to the lowest level that it fits."""
+        found = []
+        for piece in self._patches(chosen, self.radii[level]):
+            inside = self._pieces(piece.chosen, level - 1) if level else [piece]
+            if len(inside) > 1:
+                found.append(piece._replace(level=level, count=1 + len(inside)))
+            found += inside
+        return found
 
-    def _parts(self, chosen: Integers) -> list[Integers]:
+    def _patches(self, chosen: Integers, largest: float) -> Iterator[_Piece]:
+        """Divide triangles until they fit patches of at most a radius [m]."""
+        centre, radius = enclosing_ball(self.corners[chosen], self.sizes[chosen])
+        if radius <= largest or len(chosen) == 1:
+            yield _Piece(chosen, centre, radius)
+            return
+        for part in self._parts(chosen, largest):
+            yield from self._patches(part, largest)
+
+    def _parts(self, chosen: Integers, largest: float) -> list[Integers]:
         """Divide triangles that do not fit a patch: into clusters that may fit one, or into halves
         where there would be too many clusters or only one."""
         sizes = self.sizes[chosen]
-        if sizes.sum() < MOST_CLUSTERS * np.pi * self.radius**2:
-            nearest = clusters(self.corners[chosen], sizes, self.radius)
+        if sizes.sum() < MOST_CLUSTERS * np.pi * largest**2:
+            nearest = clusters(self.corners[chosen], sizes, largest)
             if nearest.any():
                 return [chosen[nearest == cluster] for cluster in np.unique(nearest)]
         along = self._along(chosen)
@@ -355,13 +380,40 @@ class _Builder:
         return middles @ axes[:, 2]
 
 
-def _moment_table(nodes: Table, of_leaves: Array) -> Table:
-    """MOMENTS of the nodes. A node's moments are the sum of those of its two children."""
+def _patch_table(pieces: Sequence[_Piece]) -> Table:
+    """PATCH rows without their nodes."""
+    patches = np.zeros(len(pieces), PATCH)
+    patches["x"], patches["y"], patches["z"] = np.transpose([piece.centre for piece in pieces])
+    patches["radius"] = [piece.radius for piece in pieces]
+    patches["level"] = [piece.level for piece in pieces]
+    patches["after"] = np.arange(len(pieces)) + [piece.count for piece in pieces]
+    return patches
+
+
+def _moments(nodes: Table, of_leaves: Array) -> Array:
+    """Moments (N, 6, MONOMIALS) of the nodes. A node's moments are the sum of those of its two
+    children."""
     moments = np.empty((len(nodes), 6, MONOMIALS))
     add_up(nodes["leaf"].copy(), nodes["after"].copy(), of_leaves, moments)
-    table = np.zeros(len(nodes), MOMENTS)
-    table["linear"], table["bending"] = np.split(moments, [LINEAR], axis=2)
-    return table
+    return moments
+
+
+def _with_larger(patches: Table, nodes: Table, moments: Array) -> tuple[Table, Array]:
+    """NODE rows and moments (N, 6, MONOMIALS) with those of the patches of higher levels, which
+    also get their nodes' numbers. Their moments are those of the patches inside them, moved to
+    their own centre."""
+    larger = np.flatnonzero(patches["level"])
+    centres = np.stack([patches[axis] for axis in "xyz"], axis=1)
+    added, extra = np.zeros(len(larger), NODE), np.zeros((len(larger), 6, MONOMIALS))
+    for i, p in enumerate(larger):
+        inside = np.arange(p + 1, patches["after"][p])
+        inside = inside[patches["level"][inside] == 0]
+        moved = moved_monomials(centres[inside] - centres[p])
+        extra[i] = np.einsum("nam,nkm->ak", moments[patches["first"][inside]], moved)
+    added["leaf"], added["after"] = -1, len(nodes) + 1 + np.arange(len(larger))
+    patches["first"][larger] = len(nodes) + np.arange(len(larger))
+    patches["end"][larger] = patches["first"][larger] + 1
+    return np.concatenate([nodes, added]), np.concatenate([moments, extra])
 
 
 @kernel
@@ -546,14 +598,16 @@ def widest_axis(spread):
 
 def joined(trees: Sequence[PatchTree]) -> PatchTree:
     """Several trees as one, with patches in order and all indices moved accordingly."""
-    moved, nodes, leaves = [], 0, 0
+    moved, count, nodes, leaves = [], 0, 0, 0
     for tree in trees:
         patches, of_tree = tree.patches.copy(), tree.nodes.copy()
+        patches["after"] += count
         patches["first"] += nodes
         patches["end"] += nodes
         of_tree["after"] += nodes
         of_tree["leaf"][of_tree["leaf"] >= 0] += leaves
         moved.append(PatchTree(patches, of_tree, tree.moments, tree.leaves))
+        count += len(tree.patches)
         nodes += len(tree.nodes)
         leaves += len(tree.leaves)
     return PatchTree(*(np.concatenate(tables) for tables in zip(*moved, strict=True)))
