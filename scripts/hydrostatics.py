@@ -2,8 +2,10 @@
 
     python scripts/hydrostatics.py models/wigley.xml --figure wigley.png
 
-Each tree of bodies counts as one rigid body that starts at the scene's first keyframe and is free
-of other constraints. Exit status: 0 on success, 2 on unusable input, 4 if a file cannot be written.
+Each tree of bodies counts as one rigid body that starts at the scene's first keyframe. It moves
+freely, or by the joints between it and the world, whose limits do not count. A body that does not
+come to rest is described wholly under water. Exit status: 0 on success, 2 on unusable input, 4 if a
+file cannot be written.
 """
 
 import argparse
@@ -89,7 +91,8 @@ def print_report(found: dict[str, Hydrostatics]) -> None:
         (f"{title} [{unit}]" if unit else title, *(text(column.get(key)) for column in columns))
         for title, unit, key in ROWS
     ]
-    arms = [dict(column.get("gz", ())) for column in columns]
+    rows += joint_rows(columns)
+    arms = [dict(column.get("gz") or ()) for column in columns]
     for heel in sorted(set().union(*arms)):
         if heel % ARM_STEP == 0.0 and heel > 0.0:
             title = f"righting arm GZ at {heel:.0f} deg [m]"
@@ -98,6 +101,19 @@ def print_report(found: dict[str, Hydrostatics]) -> None:
     for h in found.values():
         if h.reason:
             print(f"{h.name} {h.reason}")
+
+
+def joint_rows(columns: list[dict[str, Any]]) -> list[tuple[str, ...]]:
+    """Rows with the stiffness and the period of each joint that holds a body to the world."""
+    rows = []
+    for own, column in enumerate(columns):
+        for motion in column.get("joints") or ():
+            unit = "N m/rad" if motion["is_hinge"] else "N/m"
+            for what, key in ((f"stiffness [{unit}]", "stiffness"), ("period [s]", "period_s")):
+                cells = ["-"] * len(columns)
+                cells[own] = text(motion[key])
+                rows.append((f"joint {motion['joint']}: {what}", *cells))
+    return rows
 
 
 def text(value: float | None) -> str:
@@ -119,7 +135,8 @@ def draw(scene: Scene, found: dict[str, Hydrostatics], path: Path) -> None:
     figure, axes = pyplot.subplots(rows, 3, figsize=(12, 3.6 * rows), squeeze=False)
     for (curve, behind, side), body in zip(axes, bodies, strict=False):
         corners = body.placed(body.at_rest)
-        draw_arms(curve, body.name, found[body.name].rest)
+        if body.joints is None:
+            draw_arms(curve, body.name, found[body.name].rest)
         draw_hull(behind, -corners[:, :, 1], corners[:, :, 2], "from behind: to starboard [m]")
         draw_hull(side, corners[:, :, 0], corners[:, :, 2], "from starboard: ahead [m]")
     figure.tight_layout()

@@ -164,11 +164,18 @@ def rotation_matrix(quaternion: Array) -> Array:
 def moved_matrix(matrix: Array, position: Array, rotation: Array) -> Array:
     """Transform a matrix (6, 6) over the motions (linear, angular) of a frame to another frame,
     which has a position (3,) and a rotation (3, 3) in the first."""
+    motion = moved_motion(position, rotation)
+    return motion.T @ matrix @ motion
+
+
+def moved_motion(position: Array, rotation: Array) -> Array:
+    """Matrix (6, 6) from a motion (linear, angular) of a frame, which has a position (3,) and a
+    rotation (3, 3) in another frame, to the same motion of the other: v - omega x position."""
     x, y, z = position
-    motion = np.zeros((6, 6))  # of the first frame, from the other's: v - omega x position
+    motion = np.zeros((6, 6))
     motion[:3, :3] = motion[3:, 3:] = rotation
     motion[:3, 3:] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rotation
-    return motion.T @ matrix @ motion
+    return motion
 
 
 def rotation_about(vector: Array) -> Array:

@@ -10,6 +10,7 @@ from independent import DENSITY, GRAVITY, MODELS, ROUND_OFF, load_mesh, random_r
 from sim import Buoyancy, Drag, DragCoefficients, Hull, Scene, Sea, Wave, simulate
 from sim.resistance.drag import ELEMENTS, WORK, surface_elements
 from sim.resistance.rigid_fit import MEAN_VELOCITY_SHARE, fit_matrix, fit_motion
+from sim.statics.equilibrium import Attitude, RigidFloat
 from sim.water.gerstner import LABELS, set_labels, solve_labels
 from sim.water.motion import ACCELERATION, MOTION, VELOCITY, water_motion
 
@@ -319,6 +320,83 @@ def test_a_sphere_with_added_mass_alone_keeps_its_amplitude(height):
     np.testing.assert_allclose(np.abs(z[extremes]), 1.0, atol=sample_interval)
 
 
+BALL_AT_ITS_RADIUS = """<body name="ball"><freejoint/>
+    <geom name="ball" type="sphere" size="0.5" density="512.5"/></body>"""
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_no_integrator_changes_the_swing_with_added_mass(integrator):
+    """Half of the momentum of the water that joins a hull comes from the hull. The ball leaves and
+    enters the water, which doubles its inertia, in each swing."""
+    option = f'<option timestep="0.01" integrator="{integrator}"/>'
+    scene = Scene.from_model(model(BALL_AT_ITS_RADIUS, ("ball",), BALL_ADDED_MASS, option))
+    scene.data.qpos[2] = 0.5
+    mujoco.mj_step(scene.model, scene.data, nstep=1200)
+    heights = []
+    for _ in range(300):
+        mujoco.mj_step(scene.model, scene.data)
+        heights.append(scene.data.qpos[2])
+    band = 0.001  # peaks lie between the samples
+    assert np.ptp(heights) == pytest.approx(1.0, abs=band)
+
+
+def test_coefficients_act_where_the_wet_part_of_a_cylinder_is():
+    """Morison 1950: a slender cylinder that is held in waves has rho V (1 + C) du/dt, du/dt the
+    mean over its draught. A third of its length above water does not matter."""
+    body = """<body name="pile" pos="0 0 -1"><freejoint/><body/>
+      <geom name="pile" type="cylinder" size="0.15 2" density="750"/></body>"""
+    custom = (
+        '<numeric name="added_mass" data="1 1 0 0 0 0"/><numeric name="wave_a" data="0.05 20 0 0"/>'
+    )
+    scene = Scene.from_model(model(body, ("pile",), custom))
+    k, count = 2.0 * np.pi / 20.0, 8
+    period, forces = 2.0 * np.pi / np.sqrt(GRAVITY * k), []
+    for scene.data.time in np.arange(count) * period / count:
+        mujoco.mj_forward(scene.model, scene.data)
+        forces.append(scene.data.xfrc_applied[1, 0])
+    found = 2.0 / count * np.abs(np.fft.fft(forces)[1])
+    acceleration = 0.05 * GRAVITY * k * (1.0 - np.exp(-3.0 * k)) / (3.0 * k)
+    expected = DENSITY * np.pi * 0.15**2 * 3.0 * (1.0 + 1.0) * acceleration
+    band = 0.01
+    assert found == pytest.approx(expected, rel=band)
+
+
+def test_added_mass_that_follows_the_wet_part_keeps_the_energy():
+    """A box tumbles and bobs at the surface. RK4 is of high order while faces leave the water
+    smoothly."""
+    body = """<body name="box"><freejoint/><body/>
+      <geom name="box" type="box" size="1 0.5 0.4" density="512.5"/></body>"""
+    custom = '<numeric name="added_mass" data="0.7 0.5 0.9 0.3 0.2 0.3"/>'
+    option = '<option timestep="0.01" integrator="RK4"/>'
+    scene = Scene.from_model(model(body, ("box",), custom, option))
+    scene.data.qpos[2:7] = 0.1, np.cos(0.3), np.sin(0.3), 0.0, 0.0
+    scene.data.qvel[:] = [0.3, 0.1, 0.0, 0.0, 0.4, 0.3]
+    hull, mass = scene.buoyancy.floats[0].method.hull, scene.model.body_mass[1]
+    float_ = RigidFloat(hull.vertices[hull.faces], mass, DENSITY, GRAVITY)
+    kinetic, potential, inertia = [], [], np.empty((6, 6))
+    for _ in simulate(scene, 4.0, 25.0):
+        mujoco.mj_forward(scene.model, scene.data)
+        mujoco.mj_fullM(scene.model, scene.data, inertia)  # RK4's matrix has no term of the step
+        attitude = Attitude(scene.data.xipos[1, 2], scene.data.xmat[1].reshape(3, 3))
+        kinetic.append(0.5 * scene.data.qvel @ inertia @ scene.data.qvel)
+        potential.append(float_.energy(attitude, float_.wetted(attitude)))
+    energies = np.add(kinetic, potential)
+    assert np.ptp(kinetic) > 0.5 * max(kinetic)
+    assert np.ptp(energies) < 1e-4 * max(kinetic)
+
+
+def test_added_mass_has_no_lever_about_the_axis_of_a_round_hull():
+    """The pressure on a sphere passes through its centre, and on a cylinder through its axis."""
+    cylinder = trimesh.creation.cylinder(radius=0.2, height=2.0, sections=64)
+    for mesh, expected in (
+        (trimesh.creation.icosphere(subdivisions=3), np.zeros(3)),
+        (cylinder, [1.0, 1.0, 0.0]),
+        (trimesh.creation.box(extents=(1.0, 2.0, 3.0)), np.ones(3)),
+    ):
+        grip = Drag(Hull.from_trimesh(mesh), CALM, added_mass=[1] * 6, follows=True).grip
+        np.testing.assert_allclose(grip, np.diag(expected), atol=1e-6)
+
+
 def test_terminal_velocity():
     """A ball of twice the water's density sinks at the speed at which form drag carries it."""
     scene = ball(2.0, '<numeric name="drag" data="0 0.94 0"/>', z=-5.0)
@@ -408,6 +486,97 @@ def test_a_damping_matrix_belongs_to_the_floating_hull():
         lift = scene.buoyancy.wrenches(scene.data)[0, 2] - mass * GRAVITY
         expected[2] += lift / implicit[2, 2]
         np.testing.assert_allclose(scene.data.qacc, expected, atol=1e-9)
+
+
+TURNED_CUBE = """
+    <body name="cube" pos="0 0 -9" euler="20 30 -40"><freejoint/><body/>
+      <geom name="cube" type="box" size="0.5 0.5 0.5" pos="0.2 -0.1 0.3" euler="0 0 90" mass="0"/>
+      <inertial pos="0.1 0.3 0" mass="1025" diaginertia="200 300 400"/></body>"""
+
+QUADRATIC = '<numeric name="damping_quadratic" data="{}"/>'
+
+
+def test_quadratic_damping_acts_along_the_axes_of_the_inertial_frame():
+    """- D |nu| nu per component, about the centre of mass."""
+    given = np.array([100.0, 200.0, 300.0, 40.0, 50.0, 60.0])
+    custom = QUADRATIC.format(" ".join(map(str, given)))
+    scene = Scene.from_model(model(TURNED_CUBE, ("cube",), custom))
+    rng = np.random.default_rng(4)
+    for velocity in rng.normal(size=(5, 6)):
+        scene.data.qvel[:] = velocity
+        mujoco.mj_forward(scene.model, scene.data)
+        found = scene.buoyancy.drag_wrenches(scene.data)[0].reshape(2, 3)
+        nu, axes = np.empty(6), scene.data.ximat[1].reshape(3, 3)
+        mujoco.mj_objectVelocity(scene.model, scene.data, mujoco.mjtObj.mjOBJ_BODY, 1, nu, 1)
+        nu = np.roll(nu, 3)  # angular first, in MuJoCo
+        expected = -given * np.abs(nu) * nu
+        np.testing.assert_allclose((found @ axes).ravel(), expected, atol=1e-9)
+
+
+def test_any_matrix_of_quadratic_damping_takes_energy():
+    """Per component, D |nu| nu of a full matrix may drive a body; the form with roots may not."""
+    rng = np.random.default_rng(5)
+    half = rng.normal(size=(6, 2)) * [[1.0], [30.0], [1.0], [1.0], [30.0], [1.0]]
+    custom = QUADRATIC.format(" ".join(map(str, (half @ half.T).ravel())))
+    scene = Scene.from_model(model(TURNED_CUBE, ("cube",), custom))
+    for velocity in rng.normal(size=(100, 6)):
+        scene.data.qvel[:] = velocity
+        mujoco.mj_forward(scene.model, scene.data)
+        wrench, generalised = scene.buoyancy.drag_wrenches(scene.data)[0], np.zeros(6)
+        mujoco.mj_applyFT(
+            scene.model, scene.data, wrench[:3], wrench[3:], scene.data.xipos[1], 1, generalised
+        )
+        assert generalised @ velocity < 0.0
+
+
+def test_roll_with_quadratic_damping_decays_by_its_closed_form():
+    """A neutral ball on a hinge, its buoyancy L above it: I theta'' + D |theta'| theta' + K theta =
+    0. D takes D omega^2 A^3 8/3 of the energy I omega^2 A^2 / 2 in each cycle of amplitude A, so A
+    = A0 / (1 + 4 omega D A0 t / (3 pi I))."""
+    body = """<body name="ball" pos="0 0 -5"><joint axis="1 0 0"/>
+      <geom name="ball" type="sphere" size="0.1" pos="0 0 0.05" mass="0"/>
+      <inertial pos="0 0 0" mass="4" diaginertia="0.05 0.05 0.05"/></body>"""
+    option = '<option timestep="0.002" integrator="implicitfast"/>'
+    custom = QUADRATIC.format("0 0 0 0.03 0 0")
+    scene = Scene.from_model(model(body, ("ball",), custom, option))
+    omega = np.sqrt(DENSITY * GRAVITY * scene.buoyancy.volumes[0] * 0.05 / 0.05)
+    scene.data.qpos[0] = 0.1
+    rolls = np.empty(3000)
+    for i in range(3000):
+        mujoco.mj_step(scene.model, scene.data)
+        rolls[i] = scene.data.qpos[0]
+    peaks = np.flatnonzero((rolls[1:-1] > rolls[:-2]) & (rolls[1:-1] >= rolls[2:])) + 1
+    assert len(peaks) >= 5
+    times = (peaks + 1) / 500.0
+    expected = 0.1 / (1.0 + 4.0 * omega * 0.03 * 0.1 / (3.0 * np.pi * 0.05) * times)
+    slow_decay = 0.01  # the formula is a mean over cycles
+    np.testing.assert_allclose(rolls[peaks], expected, rtol=slow_decay)
+
+
+def test_a_ball_sinks_at_the_speed_of_its_quadratic_damping():
+    scene = ball(2.0, QUADRATIC.format("0 0 30 0 0 0"), z=-5.0)
+    *_, _ = simulate(scene, 4.0)
+    excess = DENSITY * scene.buoyancy.volumes[0] * GRAVITY
+    mass = scene.model.body_mass[1]
+    expected = np.sqrt((mass * GRAVITY - excess) / 30.0)
+    assert -scene.data.qvel[2] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_quadratic_damping_a_million_times_too_strong_only_decays(integrator):
+    rng = np.random.default_rng(6)
+    half = 1e3 * rng.normal(size=(6, 6))
+    custom = QUADRATIC.format(" ".join(map(str, (half @ half.T).ravel())))
+    option = f'<option timestep="0.02" integrator="{integrator}" gravity="0 0 -1e-9"/>'
+    scene = Scene.from_model(model(TURNED_CUBE, ("cube",), custom, option))
+    scene.data.qvel[:] = [3.0, -1.0, 2.0, 1.0, 2.0, -1.0]
+    energies, inertia = [], np.empty((6, 6))
+    for _ in simulate(scene, 1.0, 50.0):
+        mujoco.mj_makeM(scene.model, scene.data)
+        mujoco.mj_fullM(scene.model, scene.data, inertia)
+        energies.append(0.5 * scene.data.qvel @ inertia @ scene.data.qvel)
+    assert (np.diff(energies) <= ROUND_OFF * energies[0]).all()
+    assert energies[-1] < 1e-5 * energies[0]
 
 
 def test_off_centre_coefficients_act_like_a_moved_mass():
@@ -543,6 +712,60 @@ def test_a_body_left_alone_in_waves_drifts_with_them():
     orbital = np.sqrt(np.mean(water**2))
     assert np.sqrt(np.mean((velocity - water)[:, 0] ** 2)) < 0.1 * orbital
     assert abs((velocity - water).mean(axis=0)[0]) < 0.02 * orbital
+
+
+def test_stokes_drift_has_its_known_speeds():
+    """omega k a^2 cosh(2 k (H - d)) / (2 sinh^2(k H)) along the heading, here in 2 m and in deep
+    water, growing with the square of the amplitude."""
+    assert stokes_drift(Wave(0.1, 4.0), 0.0)[0] == pytest.approx(0.0617, abs=5e-5)
+    assert stokes_drift(Wave(0.2, 10.0), 0.0)[0] == pytest.approx(0.0624, abs=5e-5)
+    k, heading = 2.0 * np.pi / 6.0, np.array([np.cos(0.7), np.sin(0.7), 0.0])
+    for depth in (2.0, np.inf):
+        rate = np.sqrt(GRAVITY * k * np.tanh(k * depth))
+        for below in (0.0, 0.4, 1.9):
+            decay = np.exp(-2.0 * k * below)
+            if depth < np.inf:
+                decay = np.cosh(2.0 * k * (depth - below)) / (2.0 * np.sinh(k * depth) ** 2)
+            found = stokes_drift(Wave(0.1, 6.0, 0.7), below, depth=depth)
+            np.testing.assert_allclose(found, rate * k * 0.01 * decay * heading, atol=1e-12)
+    half_grown = stokes_drift(Wave(0.1, 6.0, 0.7), 0.0, ramp=0.8)
+    grown = stokes_drift(Wave(0.1, 6.0, 0.7), 0.0)
+    np.testing.assert_allclose(half_grown, 0.25 * grown, atol=1e-12)
+
+
+def stokes_drift(wave: Wave, below: float, **water) -> np.ndarray:
+    """Stokes drift (3,) of the water at time 0.4, at a depth under the surface: what it adds to the
+    velocity. It adds nothing to the acceleration and the head."""
+    seas = [Sea([wave], stokes=stokes, **water) for stokes in (True, False)]
+    z = float(seas[0].elevation(0.3, -0.2, 0.4)) - below
+    drifting, plain = (water_at(sea, (0.3, -0.2, z), 0.4) for sea in seas)
+    np.testing.assert_array_equal(drifting[3:], plain[3:])
+    assert seas[0].head(0.3, -0.2, z, 0.4) == seas[1].head(0.3, -0.2, z, 0.4)
+    return (drifting - plain)[:3]
+
+
+def test_a_strongly_dragged_ball_drifts_as_stokes_found():
+    """A ball of a 40th of the wavelength, at half of its depth: it samples the drift over that
+    depth. Its label in the waves, not its place, drifts steadily."""
+    wave, k = Wave(0.1, 4.0), 2.0 * np.pi / 4.0
+    rate = np.sqrt(GRAVITY * k)
+    custom = (
+        '<numeric name="wave_a" data="0.1 4 0 0"/><numeric name="water_stokes" data="1"/>'
+        '<numeric name="drag" data="5 50 0"/>'
+    )
+    body = """<body name="ball"><freejoint/>
+      <geom name="ball" type="sphere" size="0.05" density="512.5"/></body>"""
+    option = '<option timestep="0.01" integrator="implicitfast"/>'
+    scene = Scene.from_model(model(body, ("ball",), custom, option))
+    labels = []
+    for sample in simulate(scene, 9.0, 20.0):
+        x = label = sample.positions[0, 0]
+        for _ in range(30):
+            label = x - wave.amplitude * np.cos(k * label - rate * sample.time)
+        labels.append(label)
+    found = np.polyfit(np.arange(120) / 20.0, labels[-120:], 1)[0]
+    band = 0.05
+    assert found == pytest.approx(rate * k * wave.amplitude**2, rel=band)
 
 
 def test_zero_coefficients_change_no_bits():

@@ -376,6 +376,7 @@ USUAL = {
     "water_level": (0.0, 0.0, 1.0, 0.1),
     "added_mass": (0.5,) * 6,
     "damping": (1.0,) * 6,
+    "damping_quadratic": (1.0,) * 6,
 }
 """Numbers of fields that have several numbers without defaults."""
 

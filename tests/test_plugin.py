@@ -569,3 +569,27 @@ def test_a_moved_centre_of_mass_does_not_move_the_hull():
     change = np.cross(rows[0][:3], [0.1, 0.0, 0.0])
     assert abs(change[1]) > 10.0
     np.testing.assert_allclose(rows[1], rows[0] + [0, 0, 0, *change], atol=1e-9)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+def test_the_force_that_a_user_means_is_the_inverse_without_the_rows_of_the_water(integrator):
+    """As sim/plugin/README.md says, with drag, added mass and a push, too."""
+    custom = (
+        '<numeric name="drag" data="1 1 0.1"/><numeric name="added_mass" data="1 1 1 0 0 0"/>'
+        '<numeric name="wave_a" data="0.1 4 0 0"/>'
+    )
+    body = CUBE.replace("</body>", "<body/></body>")
+    option = f'<option integrator="{integrator}"/>'
+    model = mujoco.MjModel.from_xml_string(xml(body, custom=custom, option=option))
+    data = mujoco.MjData(model)
+    data.qvel[:], data.xfrc_applied[1, 0] = [0.1, 0.2, 0.3, 0.1, 0.2, -0.1], 50.0
+    data.qfrc_applied[:] = expected = [10.0, 20.0, 30.0, 1.0, 2.0, 3.0]
+    mujoco.mj_forward(model, data)
+    mujoco.mj_inverse(model, data)
+    rows = np.zeros(model.nv)
+    for body in Buoyancy.of(model).bodies:
+        force, torque = np.split(data.xfrc_applied[body], 2)
+        mujoco.mj_applyFT(model, data, force, torque, data.xipos[body], body, rows)
+    assert np.abs(rows).max() > 1000.0
+    round_off = 1e-8
+    np.testing.assert_allclose(data.qfrc_inverse - rows, expected, atol=round_off)

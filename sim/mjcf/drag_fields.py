@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry import moved_matrix
+from sim.geometry import moved_matrix, moved_motion
 from sim.hulls.hull import Hull
 from sim.mjcf.elements import of_geom
 from sim.mjcf.floats import body_label
@@ -18,7 +18,11 @@ from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 
-RESISTANCE_FIELDS = ("drag", "drag_angular", "added_mass", "damping")
+RESISTANCE_FIELDS = ("drag", "drag_angular", "added_mass", "damping", "damping_quadratic")
+
+LEAST_SHARE_AFLOAT = 0.1
+"""Submerged share at rest below which coefficients of added mass do not follow the wet part: little
+water moves with a lighter hull, and its tumbling would need shorter timesteps."""
 
 
 @dataclass(frozen=True)
@@ -50,27 +54,37 @@ class DragFields:
     ) -> Drag | None:
         """The Drag of a geom's hull; None without resistance. afloat: the submerged share of the
         hull at rest. A 6 x 6 matrix, for example from a panel code, describes the hull at rest, so
-        it is divided by that share. Raises ValueError."""
+        it is divided by that share. Six coefficients of added mass follow the wet part, but not on
+        a simple body, of whose inertia MuJoCo keeps only the diagonal, and not on a light one.
+        Raises ValueError."""
         values = self.values
         if not any(numbers.any() for numbers in values.values()):
             return None
         coefficients = np.concatenate(
             [values.get("drag", np.zeros(3)), values.get("drag_angular", [0.0])]
         )
-        matrices = {}
+        matrices, body = {}, int(model.geom_bodyid[geom])
         position, rotation = geom_in_inertial_frame(model, geom)
         try:
             if "added_mass" in values:
                 hull_of_body = hull.moved(rotation, position)
                 matrix = added_mass_matrix(hull_of_body, sea.density, values["added_mass"])
-                _check_diagonal(model, int(model.geom_bodyid[geom]), matrix)
+                _check_diagonal(model, body, matrix)
                 matrices["added_mass"] = matrix
             if "damping" in values:
                 matrices["damping"] = damping_matrix(values["damping"])
             for base, matrix in matrices.items():
-                share = afloat if values[base].size == 36 else 1.0
-                matrices[base] = moved_matrix(matrix, position, rotation) / share
-            return Drag(hull, sea, DragCoefficients(*coefficients), **matrices)
+                matrices[base] = moved_matrix(matrix, position, rotation)
+            if "damping_quadratic" in values:
+                matrices["damping_quadratic"] = damping_matrix(values["damping_quadratic"])
+                matrices["frame"] = moved_motion(position, rotation)
+            for base in matrices.keys() & values.keys():
+                if values[base].size == 36:
+                    matrices[base] = matrices[base] / afloat
+            is_six = "added_mass" in values and values["added_mass"].size == 6
+            is_full = model.body_simple[body] == 0
+            follows = is_six and is_full and afloat >= LEAST_SHARE_AFLOAT
+            return Drag(hull, sea, DragCoefficients(*coefficients), **matrices, follows=follows)
         except ValueError as error:
             names = " and ".join(f"'{source}'" for source in self.sources)
             raise ValueError(f"custom numeric {names}: {error}") from None

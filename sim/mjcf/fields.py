@@ -234,6 +234,10 @@ NUMERICS = {
     "water_ramp": NumericField(
         "time in which the waves grow from nothing", (Number("water ramp", "s", 0.0, 1e6),)
     ),
+    "water_stokes": NumericField(
+        "1 adds the Stokes drift of the waves to the water's velocity, which drag follows",
+        (Number("Stokes drift", "", 0, 1, is_whole=True),),
+    ),
     "water_drawn": NumericField(
         "0 hides the water in MuJoCo's own pictures", (_switch("drawing of the water"),)
     ),
@@ -275,6 +279,13 @@ NUMERICS = {
     "added_mass": NumericField(
         "added mass: six shares of the displaced water's mass and inertia, or a 6 x 6 matrix",
         (Number("coefficient of added mass, or number of its matrix row by row", "", -1e12, 1e12),),
+        counts=(6, 36),
+        per_geom=True,
+    ),
+    "damping_quadratic": NumericField(
+        "quadratic damping relative to the water: its diagonal, or a 6 x 6 matrix",
+        (Number("quadratic damping in N s^2/m^2 or N m s^2, or number of its matrix row by row",
+                "", -1e12, 1e12),),
         counts=(6, 36),
         per_geom=True,
     ),
@@ -386,15 +397,14 @@ def _names(table: dict[str, NumericField] | dict[str, TextField]) -> list[str]:
 def described() -> Iterator[tuple[str, str, str]]:
     """A row (name, value, meaning) of documentation for each field. The value lists numbers and
     units, with defaults in brackets."""
-    for (base, field), name in zip(NUMERICS.items(), _names(NUMERICS), strict=True):
+    for field, name in zip(NUMERICS.values(), _names(NUMERICS), strict=True):
         numbers = []
         for i, number in enumerate(field.numbers):
             is_optional = i >= field.needed if field.needed else bool(number.default)
             default = f" ({number.default:g})" if is_optional else ""
             numbers.append(f"{number.name} {number.unit}".strip() + default)
-        count = (
-            f"{' or '.join(map(str, field.counts))} x " if base in ("added_mass", "damping") else ""
-        )
+        is_matrix = field.counts == (6, 36)
+        count = f"{' or '.join(map(str, field.counts))} x " if is_matrix else ""
         yield name, count + ", ".join(numbers), field.meaning
     for (_, field), name in zip(TEXTS.items(), _names(TEXTS), strict=True):
         yield name, f"text: {field.value}", field.meaning

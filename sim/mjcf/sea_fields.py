@@ -89,7 +89,8 @@ def _read_sea(model: mujoco.MjModel, numerics: Numerics, texts: Texts, faults: F
     current = numbers_of("water_current", numerics)
     (ramp,) = numbers_of("water_ramp", numerics)
     pressure = texts.get(PRESSURE, DEFAULT_PRESSURE)
-    return Sea(waves, density, gravity, level, pressure, current, ramp, tide, depth)
+    (stokes,) = numbers_of("water_stokes", numerics)
+    return Sea(waves, density, gravity, level, pressure, current, ramp, tide, depth, bool(stokes))
 
 
 def _irregular(name: str, numbers: list[float], gravity: float, depth: float) -> tuple[Wave, ...]:
@@ -140,6 +141,7 @@ def fields_of(sea: Sea) -> dict[str, ArrayLike | str]:
         "water_level": np.ravel(sea.tide) if sea.tide else [sea.level],
         "water_current": sea.current,
         "water_ramp": [sea.ramp],
+        "water_stokes": [float(sea.stokes)],
         PRESSURE: sea.pressure,
     }
     if sea.depth < np.inf:

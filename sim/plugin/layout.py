@@ -14,7 +14,7 @@ from mujoco.introspect import ast_nodes, structs
 
 from sim.kernels import record
 
-OPTION_FIELDS = ("timestep", "disableflags")
+OPTION_FIELDS = ("timestep", "integrator", "disableflags")
 MODEL_FIELDS = (
     "nbody", "nnumeric", "nplugin", "M_rownnz", "M_rowadr", "body_inertia", "body_weldid",
     "numeric_size", "plugin", "plugin_stateadr", "nsensor", "sensor_plugin", "sensor_objid",
@@ -213,7 +213,7 @@ def _extent(kind: Any) -> tuple[int, int]:
 @cache
 def _example() -> tuple[mujoco.MjModel, mujoco.MjData]:
     model = mujoco.MjModel.from_xml_string(PROBE_MODEL)
-    model.opt.timestep, model.opt.disableflags = 0.0123, 1
+    model.opt.timestep, model.opt.integrator, model.opt.disableflags = 0.0123, 3, 1
     data = mujoco.MjData(model)
     data.time = 1234.5
     return model, data

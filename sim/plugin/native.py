@@ -138,6 +138,9 @@ WORDS, INSTANCES, SLOTS, SLOT, SLABS, FIND, RENEW = range(7)
 seam = named_word("waterline_seam", SEAM.ctypes.data)
 
 
+RK4 = 1
+"""mjINT_RK4."""
+
 CONTACT_FLAG = 1 << 4
 """mjDSBL_CONTACT, which MuJoCo's compiler sets during its own test step."""
 
@@ -441,10 +444,12 @@ def react(step, body, pose, number, reaction_out):
     buoyancy. Returns the rate [1/s] at which the hull loses angular momentum."""
     layout, tables = step.contexts[0].layout, step.tables
     timestep = float_at(step.model + layout.timestep)
+    is_rk4 = integer_at(step.model + layout.integrator) == RK4
+    ahead = 0.0 if is_rk4 else 0.5 * timestep
     flow = Flow(tables.waves, tables.water, float_at(step.data + layout.time))
     set_motion(step, body, pose, reaction_out)
     hull = tables.hulls[number]
-    fraction = hull_reaction(hull, tables.surfaces, flow, pose, timestep, reaction_out)
+    fraction = hull_reaction(hull, tables.surfaces, flow, pose, timestep, ahead, reaction_out)
     return fraction * hull.rate
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import cone_moments, cone_volumes, inertia_of, moved_matrix
+from sim.geometry import area_vectors, cone_moments, cone_volumes, inertia_of, moved_matrix
 from sim.hulls.hull import Hull
 
 Array = NDArray[np.float64]
@@ -46,6 +46,39 @@ def damping_matrix(damping: ArrayLike) -> Array:
     ValueError for invalid numbers."""
     given = _numbers(damping, "damping")
     return np.diag(given) if given.size == 6 else _checked(given.reshape(6, 6), "damping")
+
+
+ROUND_SHARE = 0.01
+"""Mean square of the lever arms of a surface's normals about an axis, as a share of the mean square
+of its distances from its centroid: a surface with less is round about the axis."""
+
+
+def gripped_axes(hull: Hull) -> Array:
+    """Projection (3, 3), in the hull frame, on the directions about which the hull is not round.
+
+    The pressure of the water has no torque about the axis of a round hull, however its wet part
+    lies: an added mass that acts off this axis would have one.
+    """
+    corners = hull.vertices[hull.faces]
+    vectors, points = area_vectors(corners), corners.mean(axis=1) - hull.centroid
+    sizes = np.linalg.norm(vectors, axis=1)
+    arms = np.cross(points, vectors / np.maximum(sizes, np.finfo(float).tiny)[:, None])
+    values, axes = np.linalg.eigh((arms * sizes[:, None]).T @ arms)
+    gripped = axes[:, values > ROUND_SHARE * (sizes @ np.square(points).sum(axis=1))]
+    return gripped @ gripped.T
+
+
+def wet_reach(hull: Hull) -> Array:
+    """Matrix (3, 3) [m] from the vertical, in the hull frame, to the centroid of a small wet part,
+    from the hull's centroid: that of a submerged fraction f is at 1 - f of it.
+
+    It is - sqrt(3) times the square root of the covariance of the hull's volume. This is exact for
+    a box along any of its axes (half of its height) and within 5 % for a wedge or an ellipsoid that
+    is half submerged.
+    """
+    corners = (hull.vertices - hull.centroid)[hull.faces]
+    values, axes = np.linalg.eigh(cone_moments(corners, cone_volumes(corners)) / hull.volume)
+    return -np.sqrt(3.0) * (axes * np.sqrt(values)) @ axes.T
 
 
 def _numbers(given: ArrayLike, quantity: str) -> Array:

@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from sim.geometry import area_vectors, areas, cross, placed, split_triangles
 from sim.hulls.hull import Hull
 from sim.kernels import inline, kernel, read_only, record, summing_kernel
-from sim.resistance.added_mass import added_mass_matrix, damping_matrix
+from sim.resistance.added_mass import added_mass_matrix, damping_matrix, gripped_axes, wet_reach
 from sim.water.gerstner import (
     LABELS,
     decay,
@@ -78,8 +78,8 @@ zero. If there are fewer elements, the last rows have no area.
 """
 
 STRENGTH = record(
-    linear="f8", form="f8", friction="f8", fade="f8", area="f8", volume=("f8", 9), residual="f8",
-    steps="i8",
+    linear="f8", form="f8", friction="f8", fade="f8", area="f8", volume=("f8", 9),
+    residual="f8", steps="i8",
 )  # fmt: skip
 """The constants of a hull's drag.
 
@@ -147,11 +147,14 @@ class Drag:
     """Drag of one hull in a sea, and its added mass (see `added_mass`).
 
     coefficients: strengths of drag; added_mass: None, six coefficients or a (6, 6) matrix (see
-    `added_mass_matrix`); damping: None, six numbers or a (6, 6) matrix, of the submerged hull in
-    its frame (see `damping_matrix`). Raises ValueError for invalid numbers.
+    `added_mass_matrix`); damping, damping_quadratic: None, six numbers or a (6, 6) matrix, of the
+    submerged hull (see `damping_matrix`), the first in its frame, the second in a frame to whose
+    motions `frame` (6, 6) takes those of the hull's. follows: whether the added mass moves with the
+    centroid of the wet part. Raises ValueError for invalid numbers.
 
     surface, strength: the hull's SURFACE and STRENGTH; has_surface_drag: whether any coefficient of
-    the elements' drag is above 0.
+    the elements' drag is above 0; grip (3, 3): see `gripped_axes`, 0 without `follows`; reach (3,
+    3) [m]: see `wet_reach`.
     """
 
     def __init__(
@@ -161,15 +164,23 @@ class Drag:
         coefficients: DragCoefficients = DragCoefficients(),
         added_mass: ArrayLike | None = None,
         damping: ArrayLike | None = None,
+        damping_quadratic: ArrayLike | None = None,
+        frame: ArrayLike | None = None,
+        follows: bool = False,
     ) -> None:
         self.hull = hull
         self.sea = sea
         self.coefficients = c = coefficients
-        self.added_mass = self.damping = None
+        self.added_mass = self.damping = self.damping_quadratic = None
+        self.frame = np.eye(6) if frame is None else np.asarray(frame, dtype=float)
         if added_mass is not None:
             self.added_mass = added_mass_matrix(hull, sea.density, added_mass)
         if damping is not None:
             self.damping = damping_matrix(damping)
+        if damping_quadratic is not None:
+            self.damping_quadratic = damping_matrix(damping_quadratic)
+        self.grip = gripped_axes(hull) if follows else np.zeros((3, 3))
+        self.reach = wet_reach(hull)
         speed = np.sqrt(sea.gravity * np.cbrt(hull.volume))
         pressures = sea.density * np.array([c.linear * speed, 0.25 * c.form, 0.5 * c.friction])
         self.has_surface_drag = bool(pressures.any())

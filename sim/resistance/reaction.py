@@ -15,7 +15,18 @@ Euler method (Hairer and Wanner 1996, IV.7), which is stable with any drag at an
 
 Where f changes, the added force also has - 1/2 (df/dt) A nu. The hull supplies half the momentum of
 the water that joins it; the other half was already there. The energy of body, water and added mass
-together is then conserved (no slamming).
+together is then conserved (no slamming). In integrators of one stage the matrix has f + h/2 df/dt
+instead of f, the fraction in the middle of the step, and likewise for A: with those of the start,
+and this force, a bobbing hull would gain energy. The stages of RK4 need no such term, and keep
+their order.
+
+The added mass of coefficients is at the centroid of the wet part, so A changes, too, and there is
+- 1/2 f (dA/dt) nu. With L the lever arms of that centroid (`wet_levers`) and A0 the matrix of the
+submerged hull,
+
+    A = Y^T A0 Y,   Y = [1 L; 0 1],   dA/dt = Z^T A + A Z,   Z = [0 dL/dt; 0 0],
+
+because Y^-1 dY/dt = Z. For any A(t) such a term keeps the energy.
 
 With drag a step is of first order, also in RK4, because each of its stages takes the whole
 timestep. Added mass alone does not lower the order.
@@ -43,13 +54,21 @@ from sim.resistance.rigid_fit import fit_matrix, fit_motion
 from sim.water.gerstner import LABELS
 from sim.water.motion import ACCELERATION, MOTION, VELOCITY
 
+LEAST_CARRIED = 0.25
+"""Least share of the submerged fraction that stays in the matrix while a hull leaves the water
+quickly."""
+
 HULL = record(
-    surface="i8", has_drag="i8", has_added_mass="i8", has_damping="i8", strength=STRENGTH,
-    rate="f8", added_mass=("f8", (6, 6)), damping=("f8", (6, 6)),
+    surface="i8", has_drag="i8", has_added_mass="i8", has_damping="i8", has_quadratic="i8",
+    follows="i8", strength=STRENGTH, rate="f8", added_mass=("f8", (6, 6)),
+    damping=("f8", (6, 6)), quadratic=("f8", (6, 6)), frame=("f8", (6, 6)), grip=("f8", (3, 3)),
+    reach=("f8", (3, 3)),
 )  # fmt: skip
 """A hull with drag, added mass or damping.
 
-surface: row of its elements; rate [1/s]: at which it takes angular momentum from its body.
+surface: row of its elements; follows: whether its added mass moves with its wet part, see `grip`
+and `reach` of a Drag; rate [1/s]: at which it takes angular momentum from its body; quadratic:
+damping in a frame to whose motions `frame` takes those of the hull's.
 """
 
 REACTION = record(
@@ -68,12 +87,12 @@ of the water.
 def hull_row(surface: int, drag: Drag, volume: float) -> tuple[object, ...]:
     """A Drag as a HULL. surface: row of its elements; volume [m^3]: of all its body's hulls with
     drag, which share the decay of angular momentum."""
-    has_added_mass = drag.added_mass is not None
+    matrices = drag.added_mass, drag.damping, drag.damping_quadratic
     return (
-        surface, drag.has_surface_drag, has_added_mass, drag.damping is not None, drag.strength[0],
-        drag.coefficients.angular * drag.hull.volume / volume,
-        drag.added_mass if has_added_mass else np.zeros((6, 6)),
-        np.zeros((6, 6)) if drag.damping is None else drag.damping,
+        surface, drag.has_surface_drag, *(matrix is not None for matrix in matrices),
+        drag.grip.any(), drag.strength[0], drag.coefficients.angular * drag.hull.volume / volume,
+        *(np.zeros((6, 6)) if matrix is None else matrix for matrix in matrices), drag.frame,
+        drag.grip, drag.reach,
     )  # fmt: skip
 
 
@@ -106,20 +125,94 @@ def subtract_turning(velocity, water, rate_out):
 
 
 @kernel
-def add_added_mass(fraction, growth, factor, hull, reaction_out):
-    """Add the forces of a hull's added mass. growth [1/s]: rate of the submerged fraction."""
+def wet_levers(fraction, growth, hull, rotation, spin, lever_out, rate_out):
+    """The matrix (3, 3) [m] from a rotation of the hull to the velocity that it adds where the
+    added mass is, beyond that at the hull's centroid, and its time derivative [m/s].
+
+    The added mass is at the centroid of the wet part (`wet_reach`), but its lever arms about axes
+    about which the hull is round are left out (`gripped_axes`). spin (3,): angular velocity.
+    """
+    x, y, z = rotation[6], rotation[7], rotation[8]
+    tx, ty, tz = cross(x, y, z, spin[0], spin[1], spin[2])  # the vertical's rate
+    shift, change = np.empty(3), np.empty(3)
+    for i in range(3):
+        a, b, c = hull.reach[i, 0], hull.reach[i, 1], hull.reach[i, 2]
+        reach = a * x + b * y + c * z
+        shift[i] = (1.0 - fraction) * reach
+        change[i] = (1.0 - fraction) * (a * tx + b * ty + c * tz) - growth * reach
+    for j in range(3):
+        x, y, z = hull.grip[0, j], hull.grip[1, j], hull.grip[2, j]
+        lx, ly, lz = cross(x, y, z, shift[0], shift[1], shift[2])
+        rx, ry, rz = cross(x, y, z, change[0], change[1], change[2])
+        lever_out[0, j], lever_out[1, j], lever_out[2, j] = lx, ly, lz
+        rate_out[0, j], rate_out[1, j], rate_out[2, j] = rx, ry, rz
+
+
+@kernel
+def shift_matrix(lever, matrix):
+    """Replace a matrix (6, 6) by Y^T matrix Y with Y = [1 lever; 0 1]."""
+    for i in range(6):
+        for j in range(3):
+            for k in range(3):
+                matrix[i, 3 + j] += matrix[i, k] * lever[k, j]
+    for i in range(3):
+        for j in range(6):
+            for k in range(3):
+                matrix[3 + i, j] += lever[k, i] * matrix[k, j]
+
+
+@kernel
+def add_shifting(fraction, rate, matrix, velocity, wrench_out):
+    """Add - f/2 (dA/dt) nu for an added mass A, a matrix (6, 6) that moves with levers, whose rate
+    (3, 3) is given, and a velocity nu (6,) relative to the water."""
+    slip, momentum = np.zeros(3), np.zeros(6)
+    for i in range(3):
+        for j in range(3):
+            slip[i] += rate[i, j] * velocity[3 + j]
+    for i in range(6):
+        for j in range(3):
+            wrench_out[i] -= 0.5 * fraction * matrix[i, j] * slip[j]
+        for j in range(6):
+            momentum[i] += matrix[i, j] * velocity[j]
+    for i in range(3):
+        for j in range(3):
+            wrench_out[3 + i] -= 0.5 * fraction * rate[j, i] * momentum[j]
+
+
+@kernel
+def add_added_mass(fraction, growth, ahead, matrix, middle, reaction_out):
+    """Add the forces of an added mass, a matrix (6, 6) of the submerged hull. growth [1/s]: rate of
+    the submerged fraction; ahead [s]: time after which the inertia is taken, with the matrix that
+    is then, `middle` (6, 6)."""
     r, velocity, known, momentum = reaction_out[0], np.empty(6), np.empty(6), np.zeros(6)
     for i in range(6):
         velocity[i], known[i] = r.velocity[i] - r.water[i], r.pull[i] - r.bias[i]
     subtract_turning(r.velocity, r.water, known)
+    carried = max(fraction + ahead * growth, LEAST_CARRIED * fraction)
     for i in range(6):
         for j in range(6):
-            a = hull.added_mass[i, j]
-            # braking terms are implicit: a light body's inertia is mostly that of this water
-            r.matrix[i, j] += (fraction + 0.5 * factor * max(growth, 0.0)) * a
+            a = matrix[i, j]
+            r.matrix[i, j] += carried * middle[i, j]
             momentum[i] += fraction * a * velocity[j]
             r.inertia[i] += a * (fraction * known[j] - 0.5 * growth * velocity[j])
     add_momentum(velocity[:3], r.velocity[3:], momentum, r.inertia)
+
+
+@kernel
+def add_wet_added_mass(fraction, growth, ahead, hull, rotation, reaction_out):
+    """Add the forces of an added mass that moves with the centroid of the wet part."""
+    r, now, middle = reaction_out[0], hull.added_mass.copy(), hull.added_mass.copy()
+    lever, rate, velocity = np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
+    wet_levers(fraction, growth, hull, rotation, r.velocity[3:], lever, rate)
+    shift_matrix(lever, now)
+    for i in range(3):
+        for j in range(3):
+            lever[i, j] += ahead * rate[i, j]
+    shift_matrix(lever, middle)
+    for i in range(6):
+        velocity[i] = r.velocity[i] - r.water[i]
+    add_added_mass(fraction, growth, ahead, now, middle, reaction_out)
+    add_shifting(fraction, rate, now, velocity, r.inertia[:])
 
 
 @kernel
@@ -133,10 +226,33 @@ def add_matrix_damping(fraction, factor, hull, reaction_out):
 
 
 @kernel
-def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
+def add_quadratic_damping(fraction, factor, hull, reaction_out):
+    """Add the quadratic damping, from the hull's velocity relative to the water, in the frame of
+    its matrix D: a force - R D R nu there, with R the square roots of |nu|."""
+    r, roots, pushes = reaction_out[0], np.empty((6, 6)), np.zeros(6)
+    for i in range(6):
+        speed = 0.0
+        for j in range(6):
+            speed += hull.frame[i, j] * (r.velocity[j] - r.water[j])
+        root = np.sqrt(abs(speed))
+        for j in range(6):
+            roots[i, j] = root * hull.frame[i, j]  # R times the frame
+            pushes[j] += hull.quadratic[j, i] * root * speed
+    for k in range(6):
+        for j in range(6):
+            r.drag[k] -= fraction * roots[j, k] * pushes[j]
+            braked = 0.0
+            for i in range(6):
+                braked += hull.quadratic[j, i] * roots[i, k]
+            for i in range(6):
+                r.matrix[i, k] += 2.0 * factor * fraction * roots[j, i] * braked
+
+
+@kernel
+def hull_reaction(hull, surfaces, flow, pose, factor, ahead, reaction_out):
     """Compute a hull's reaction, without the decay of angular momentum, for the motion given in the
     REACTION. Everything is in the hull's axes about its origin. factor: multiplies the damping in
-    the matrix. Return the submerged fraction."""
+    the matrix; ahead: see `add_added_mass`. Return the submerged fraction."""
     r, surface, strength = reaction_out[0], surfaces[hull.surface], hull.strength
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
     work, labels, motion = np.empty(1, WORK), np.empty(1, LABELS), np.empty(1, MOTION)
@@ -154,14 +270,20 @@ def hull_reaction(hull, surfaces, flow, pose, factor, reaction_out):
         )
     if hull.has_drag:
         add_hull_drag(surface, strength, factor, work, r.drag[:], r.matrix[:])
-    if hull.has_added_mass or hull.has_damping:
+    if hull.has_added_mass or hull.has_damping or hull.has_quadratic:
         lower = np.empty((6, 6))
         fit_matrix(surface, work, lower)
         fit_motion(surface, pose.rotation, work, lower, motion, r.water)
         if hull.has_added_mass:
             element_motion(ACCELERATION, flow, work, labels, motion)
             fit_motion(surface, pose.rotation, work, lower, motion, r.pull)
-            add_added_mass(fraction, growth, factor, hull, reaction_out)
+            if hull.follows and fraction < 1.0:
+                add_wet_added_mass(fraction, growth, ahead, hull, pose.rotation, reaction_out)
+            else:
+                matrix = hull.added_mass[:]
+                add_added_mass(fraction, growth, ahead, matrix, matrix, reaction_out)
         if hull.has_damping:
             add_matrix_damping(fraction, factor, hull, reaction_out)
+        if hull.has_quadratic:
+            add_quadratic_damping(fraction, factor, hull, reaction_out)
     return fraction

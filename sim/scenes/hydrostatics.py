@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.geometry import moved_matrix
-from sim.mjcf.floats import FloatingGeom, body_label
+from sim.mjcf.floats import FloatingGeom, bodies_above, body_label
 from sim.plugin.refusals import reading
 from sim.scenes.buoyancy import Buoyancy
 from sim.statics.equilibrium import Attitude
-from sim.statics.report import FloatingBody, Hydrostatics, report
+from sim.statics.joints import Joint
+from sim.statics.report import AddedMass, FloatingBody, Hydrostatics, report
 
 Array = NDArray[np.float64]
 
@@ -77,8 +78,10 @@ def notes_about_start(scene: Afloat) -> Iterator[str]:
 
 
 def trees(scene: Afloat) -> dict[int, FloatingBody]:
-    """Each floating tree of bodies, by the id of its root. A tree is one rigid body, with its
-    joints as in the scene's state, and released from that state as if nothing else held it."""
+    """Each floating tree of bodies, by the id of its root: the first body above the floating ones
+    that can move. A tree is one rigid body, with the joints below its root as in the scene's state.
+    It is released from that state. The joints of its root hold it, but their limits, contacts and
+    equality constraints do not."""
     model, of_root = scene.model, {}
     with reading():  # this state needs no water
         data = mujoco.MjData(model)
@@ -87,7 +90,7 @@ def trees(scene: Afloat) -> dict[int, FloatingBody]:
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     for f in scene.buoyancy.floats:
-        of_root.setdefault(int(model.body_rootid[f.body]), []).append(f)
+        of_root.setdefault(_root(model, f.body), []).append(f)
     return {root: _tree(scene, data, root, floats) for root, floats in of_root.items()}
 
 
@@ -104,8 +107,10 @@ def _tree(
         axes = axes.reshape(3, 3).T
         return moved_matrix(matrix, axes @ (centre - position), axes @ rotation)
 
-    inertia, added_mass = np.zeros((2, 6, 6))
-    for b in np.flatnonzero(model.body_rootid == root):
+    inertia, added_masses = np.zeros((6, 6)), []
+    for b in range(root, model.nbody):
+        if root not in bodies_above(model, np.array([b])):
+            continue
         own = np.diag([*3 * [model.body_mass[b]], *model.body_inertia[b]])
         inertia += in_tree(own, data.xipos[b], data.ximat[b])
     corners = []
@@ -113,7 +118,10 @@ def _tree(
         position, axes, hull = data.geom_xpos[f.geom], data.geom_xmat[f.geom], f.method.hull
         corners.append(hull.vertices[hull.faces] @ axes.reshape(3, 3).T + (position - centre))
         if f.drag is not None and f.drag.added_mass is not None:
-            added_mass += in_tree(f.drag.added_mass, position, axes)
+            turn = rotation.T @ axes.reshape(3, 3)
+            grip = turn @ f.drag.grip @ turn.T
+            matrix = in_tree(f.drag.added_mass, position, axes)
+            added_masses.append(AddedMass(corners[-1] @ rotation, matrix, grip))
     return FloatingBody(
         corners=np.concatenate(corners) @ rotation,
         mass=float(model.body_subtreemass[root]),
@@ -123,7 +131,40 @@ def _tree(
         name=body_label(model, root),
         origin=rotation.T @ (data.xpos[root] - centre),
         inertia=inertia,
-        added_mass=added_mass,
+        added_masses=tuple(added_masses),
         start=Attitude(float(centre[2] - sea.level), rotation),
         level=sea.level,
+        joints=_joints(model, data, root, centre - [0.0, 0.0, centre[2] - sea.level]),
     )
+
+
+def _root(model: mujoco.MjModel, body: int) -> int:
+    """The first body on the way from the world to a body that can move."""
+    while model.body_weldid[model.body_parentid[body]] != 0:
+        body = int(model.body_parentid[body])
+    return body
+
+
+def _joints(
+    model: mujoco.MjModel, data: mujoco.MjData, root: int, origin: Array
+) -> tuple[Joint, ...] | None:
+    """The joints that hold a root, about an origin (3,) in the world; None if it is free. A ball is
+    three hinges, about its body's axes."""
+    first, found = int(model.body_jntadr[root]), []
+    for j in range(first, first + int(model.body_jntnum[root])):
+        kind, place = model.jnt_type[j], int(model.jnt_qposadr[j])
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            return None
+        name, anchor = model.joint(j).name or f"joint {j}", data.xanchor[j] - origin
+        armature = float(model.dof_armature[model.jnt_dofadr[j]])
+        if kind == mujoco.mjtJoint.mjJNT_BALL:
+            axes = data.xmat[root].reshape(3, 3).T
+            found += [
+                Joint(f"{name} {axis}", True, vector, anchor, armature=armature)
+                for axis, vector in zip("xyz", axes, strict=True)
+            ]
+            continue
+        is_hinge, axis = kind == mujoco.mjtJoint.mjJNT_HINGE, data.xaxis[j].copy()
+        spring, rest = model.jnt_stiffness[j], model.qpos_spring[place] - data.qpos[place]
+        found.append(Joint(name, is_hinge, axis, anchor, float(spring), float(rest), armature))
+    return tuple(found)

@@ -85,14 +85,16 @@ MOST_TIDES = 16
 """Maximum number of times at which a sea can have given levels."""
 
 WATER = record(
-    level="f8", amplitude="f8", tolerance="f8", scale="f8", decays="i8", current=("f8", 3),
+    level="f8", amplitude="f8", tolerance="f8", scale="f8", decays="i8", drifts="i8",
+    current=("f8", 3),
     tides="i8", tide_time=("f8", MOST_TIDES), tide_level=("f8", MOST_TIDES),
 )  # fmt: skip
 """The properties of a sea besides its waves, as kernels read them.
 
 level: still level [m] at the start; amplitude: height [m] of the highest crest above it; tolerance:
 residual [m] at which a label counts as found; scale: - density gravity [N/m^3]; decays: whether the
-waves' pressure decays with depth; current [m/s]; tides: number of pairs of tide_time [s] and
+waves' pressure decays with depth; drifts: whether the water drifts as Stokes found; current [m/s];
+tides: number of pairs of tide_time [s] and
 tide_level [m].
 """
 

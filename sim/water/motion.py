@@ -5,6 +5,17 @@ depth). Label and depth refer to the surface directly above the point. This is e
 At depth it has a relative error of k a, where little of the motion is left. In water of depth H the
 circles are ellipses: the velocities are omega (a / T) C along the wave and omega (a / T) S upwards
 (see `head`), so no water crosses the bottom.
+
+These orbits close, but real ones do not. The mean velocity of their particles, the Stokes drift, is
+of second order in the waves' amplitudes. A sea may have it, too: along each wave's heading
+
+    omega k a^2 e^(-2 k d),
+
+and in water of depth H
+
+    omega k a^2 cosh(2 k (H - d)) / (2 sinh^2(k H)).
+
+Source: Stokes 1847; Phillips 1977, 3.3, for finite depth.
 """
 
 import numpy as np
@@ -29,12 +40,36 @@ def add_swing(v, i, dx, dy, along, up, s, c):
     v.z[i] -= up * c
 
 
+@inline
+def drift_decay(phase, bed):
+    """cosh(2 k (H - d)) / (2 sinh^2(k H)) at a depth d in water of depth H, from phase = k d >= 0
+    and bed = 2 k H; e^(-2 k d) on deep water, where bed is 0."""
+    if bed == 0.0:
+        return decay(2.0 * phase)
+    down, up = decay(2.0 * phase), decay(max(2.0 * (bed - phase), 0.0))
+    below = 1.0 - decay(bed)
+    return (down + up) / (below * below)
+
+
+@kernel
+def add_drift(depths, wave, time, motion_out):
+    """Add the Stokes drift of a wave at depths (N,) [m] to the velocities of the water."""
+    v, k = motion_out[0], wave.wavenumber
+    amplitude = growth(wave, time) * wave.amplitude
+    speed = wave.rate * k * amplitude * amplitude
+    x, y = speed * wave.direction_x, speed * wave.direction_y
+    for i in range(depths.size):
+        share = drift_decay(k * depths[i], wave.bed)
+        v.x[i] += x * share
+        v.y[i] += y * share
+
+
 @kernel
 def water_motion(order, depths, waves, water, time, labels, motion_out):
     """Velocities or accelerations of the water at the depths (N,) [m] below the first N LABELS.
 
     An acceleration is - omega times the velocity a quarter of a turn later. The growth of the waves
-    is neglected: it takes many periods.
+    is neglected: it takes many periods. A velocity includes the Stokes drift of a sea that has it.
     """
     at, v, count = labels[0], motion_out[0], depths.size
     x, y, z = 0.0, 0.0, 0.0
@@ -62,3 +97,5 @@ def water_motion(order, depths, waves, water, time, labels, motion_out):
                 s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
                 along, up = bed_decays(k * depths[i], wave.bed, wave.tanh)
                 add_swing(v, i, dx, dy, speed * along, speed * up, s, c)
+        if order == VELOCITY and water[0].drifts:
+            add_drift(depths, wave, time, motion_out)

@@ -61,6 +61,8 @@ class Sea:
     ramp [s]: time in which the waves grow smoothly from nothing, from time 0. tide: pairs of a time
     [s] and a level [m] in rising order, linear in between, instead of one level. depth: of the
     bottom below `level` [m], inf for deep water; a tide changes the level, but not the waves.
+    stokes: whether the water's velocity, and so drag, includes the waves' Stokes drift (see
+    `motion`).
 
     `level` is the mean height of the particles. Crests are narrow, so the mean height of the
     surface over places, and the level that deep bodies feel, lie sum k a^2 / 2 below it (sum k a^2
@@ -83,6 +85,7 @@ class Sea:
     ramp: float = 0.0
     tide: tuple[tuple[float, float], ...] = ()
     depth: float = np.inf
+    stokes: bool = False
     steepness: float = field(init=False, repr=False, compare=False)
     worst_steepness: float = field(init=False, repr=False, compare=False)
     amplitude: float = field(init=False, repr=False, compare=False)
@@ -100,6 +103,7 @@ class Sea:
         ramp: float = 0.0,
         tide: Sequence[tuple[float, float]] | Array = (),
         depth: float = np.inf,
+        stokes: bool = False,
     ) -> None:
         if pressure not in PRESSURES:
             raise ValueError(f"water pressure is '{pressure}'; expected {' or '.join(PRESSURES)}")
@@ -117,7 +121,7 @@ class Sea:
         self._set(ramp=float(ramp))
         if not depth > 0.0:
             raise ValueError(f"the water's depth is {depth} m; it must be above 0, or inf")
-        self._set(depth=float(depth))
+        self._set(depth=float(depth), stokes=bool(stokes))
         parts = [w.steepness / float(tanh_at(w.wavenumber, self.depth)) for w in waves]
         self._set(steepness=float(sum(parts)), worst_steepness=largest_sum(parts))
         self._set(amplitude=largest_sum([w.amplitude for w in waves]))
@@ -149,6 +153,7 @@ class Sea:
         row["tolerance"] = self._residual_tolerance()
         row["scale"] = -self.density * self.gravity
         row["decays"] = self.pressure != "hydrostatic"
+        row["drifts"] = self.stokes
         row["current"], row["tides"] = self.current, len(self.tide)
         for i, (time, level) in enumerate(self.tide):
             row["tide_time"][i], row["tide_level"][i] = time, level
