@@ -34,7 +34,7 @@ class DragFields:
     """
 
     values: Mapping[str, Array]
-    sources: tuple[str, ...]
+    sources: Mapping[str, str]
 
     @classmethod
     def of(cls, names: Sequence[str], numerics: Mapping[str, Array]) -> "DragFields":
@@ -42,7 +42,12 @@ class DragFields:
         sources = {base: of_geom(base, names, numerics) for base in RESISTANCE_FIELDS}
         sources = {base: source for base, source in sources.items() if source in numerics}
         values = {base: numerics[source] for base, source in sources.items()}
-        return cls(values, tuple(sources.values()))
+        return cls(values, sources)
+
+    def without_damping(self) -> "DragFields":
+        """The other fields, for a body whose own motion is damped (see `response_fields`)."""
+        others = {base: values for base, values in self.values.items() if base != "damping"}
+        return DragFields(others, {base: self.sources[base] for base in others})
 
     @property
     def key(self) -> tuple[tuple[str, bytes], ...]:
@@ -69,7 +74,7 @@ class DragFields:
             if "added_mass" in values:
                 hull_of_body = hull.moved(rotation, position)
                 matrix = added_mass_matrix(hull_of_body, sea.density, values["added_mass"])
-                _check_diagonal(model, body, matrix)
+                check_diagonal(model, body, matrix)
                 matrices["added_mass"] = matrix
             if "damping" in values:
                 matrices["damping"] = damping_matrix(values["damping"])
@@ -86,11 +91,11 @@ class DragFields:
             follows = is_six and is_full and afloat >= LEAST_SHARE_AFLOAT
             return Drag(hull, sea, DragCoefficients(*coefficients), **matrices, follows=follows)
         except ValueError as error:
-            names = " and ".join(f"'{source}'" for source in self.sources)
+            names = " and ".join(f"'{source}'" for source in self.sources.values())
             raise ValueError(f"custom numeric {names}: {error}") from None
 
 
-def _check_diagonal(model: mujoco.MjModel, body: int, matrix: Array) -> None:
+def check_diagonal(model: mujoco.MjModel, body: int, matrix: Array) -> None:
     """Refuse an added mass (6, 6), in the body's inertial frame, that is not diagonal in the
     joint's axes, for a simple body: MuJoCo keeps only the diagonal of its inertia matrix."""
     if model.body_simple[body] == 0:

@@ -106,7 +106,7 @@ def check_geoms(
     known = set().union(*geoms)
     for name in names:
         base = text_base(name) if kind == "text" else numeric_base(name)
-        if base in (None, name, "wave_<name>") or name.removeprefix(f"{base}_") in known:
+        if base is None or base == name or "<" in base or name.removeprefix(f"{base}_") in known:
             continue
         with faults.collected():
             raise ValueError(

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from sim.methods import METHODS, Settings
 from sim.methods.chord import MOST_SAMPLES
 from sim.methods.reference import SMALLEST_TOLERANCE
+from sim.resistance.hydrodynamics import COLUMN_SIZE, MOST_COLUMNS
 from sim.water.gerstner import MOST_TIDES
 from sim.water.head import PRESSURES
 from sim.water.sea import DEFAULT_PRESSURE
@@ -34,7 +35,10 @@ BUOYANT = "buoyant"
 """The tuple that lists the floating geoms and bodies."""
 
 COMPONENTS, RECORD = "sea_components", "sea_record"
-"""The texts that name files."""
+"""The texts that name files of waves."""
+
+MEMORY, HYDRODYNAMICS = "memory_", "hydrodynamics_"
+"""Beginnings of the fields of one body: its memory, and the file of its coefficients."""
 
 METHOD, PRESSURE, TOLERANCE = "buoyancy_method", "water_pressure", "buoyancy_tolerance"
 
@@ -52,7 +56,7 @@ WATER_PREFIXES = ("water", "wave_", "sea_")
 
 PREFIXES = (
     *WATER_PREFIXES, "wave", "buoyan", "chord_", "reference_", "drag_", "added_mass", "damping",
-    "displaced",
+    "displaced", MEMORY, HYDRODYNAMICS,
 )  # fmt: skip
 """Beginnings of names that belong to this table. An unknown name with such a beginning is a typing
 error and is refused."""
@@ -295,6 +299,15 @@ NUMERICS = {
         counts=(6, 36),
         per_geom=True,
     ),
+    MEMORY + "<body>": NumericField(
+        "memory of the waves that a body makes, in its inertial frame: any number of such rows",
+        (
+            _positive("a0", "1/s^2", 1e6), _positive("a1", "1/s", 1e6),
+            *(Number(f"l along {axis}", "kg^0.5/s") for axis in "xyz"),
+            *(Number(f"l about {axis}", "m kg^0.5/s") for axis in "xyz"),
+        ),
+        counts=tuple(range(COLUMN_SIZE, COLUMN_SIZE * MOST_COLUMNS + 1, COLUMN_SIZE)),
+    ),
 }  # fmt: skip
 """All numerics by name. A name comes after longer names that begin with it: `drag_angular`,
 `drag`."""
@@ -322,14 +335,16 @@ TEXTS = {
         f"`{CUT}` takes off a hull what it shares with other hulls of its tree at qpos0 ({KEEP})",
         f"{KEEP} or {CUT}", per_geom=True, choices=(KEEP, CUT),
     ),
+    HYDRODYNAMICS + "<body>": TextField(
+        "added mass, memory and diffraction of a body, from a panel code",
+        "a file of scripts/coefficients.py beside the scene",
+    ),
 }  # fmt: skip
 """All texts by name."""
 
 
 def numeric_base(name: str) -> str | None:
     """The entry of NUMERICS that a name belongs to; None for an unknown name."""
-    if name.startswith("wave_"):
-        return "wave_<name>"
     return _base(name, NUMERICS)
 
 
@@ -340,9 +355,17 @@ def text_base(name: str) -> str | None:
 
 def _base(name: str, table: dict[str, NumericField] | dict[str, TextField]) -> str | None:
     for base, field in table.items():
-        if name == base or (field.per_geom and name.startswith(f"{base}_")):
+        stem, named, _ = base.partition("<")
+        if name.startswith(stem) if named else name == base:
+            return base
+        if field.per_geom and name.startswith(f"{base}_"):
             return base
     return None
+
+
+def names_file(name: str) -> bool:
+    """Whether a text, with the prefix of an attached model or without, names a file."""
+    return name.endswith((COMPONENTS, RECORD)) or HYDRODYNAMICS in name
 
 
 def is_ours(name: str) -> bool:
@@ -353,7 +376,7 @@ def is_ours(name: str) -> bool:
 def nearest(name: str) -> str | None:
     """The field, or the tuple `buoyant`, whose name another one nearly is; None if there is none.
     The first words are compared, too, because the others may be those of a wave or a geom."""
-    fields = {base.removesuffix("_<name>"): base for base in (*NUMERICS, *TEXTS, BUOYANT)}
+    fields = {base.partition("_<")[0]: base for base in (*NUMERICS, *TEXTS, BUOYANT)}
     words = re.split(r"[^a-z0-9]+", name.lower())
     for count in range(len(words), 0, -1):
         close = get_close_matches("_".join(words[:count]), fields, n=1, cutoff=NEARNESS)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
-from sim.mjcf.fields import COMPONENTS, RECORD
+from sim.mjcf.fields import names_file
 
 FOLDERS = ("meshdir", "texturedir", "assetdir")
 """Attributes of <compiler> that name folders."""
@@ -20,7 +20,7 @@ def model_files(path: Path) -> list[Path]:
             folders += [path.parent / element.attrib[f] for f in FOLDERS if f in element.attrib]
             if "file" in element.attrib:
                 names.append(element.attrib["file"])
-            if element.tag == "text" and element.attrib.get("name") in (COMPONENTS, RECORD):
+            if element.tag == "text" and names_file(element.attrib.get("name", "")):
                 names.append(element.attrib.get("data", ""))
             included = path.parent / element.attrib.get("file", "")
             if element.tag == "include" and included.is_file() and included not in files:

@@ -29,20 +29,28 @@ from sim.mjcf.elements import (
 )
 from sim.mjcf.faults import Faults
 from sim.mjcf.fields import (
-    COMPONENTS,
     CONVEX,
     CUT,
     HULL,
     METHOD,
     OVERLAP,
-    RECORD,
     TOLERANCE,
+    names_file,
 )
 from sim.mjcf.floats import FloatingGeom, Listed, first_state, listed_geoms
 from sim.mjcf.geoms import geom_hull
 from sim.mjcf.notes import notes_about_sizes
 from sim.mjcf.overlaps import Shape, cut_shapes, united_shapes
+from sim.mjcf.response_fields import (
+    Size,
+    bodies_with_responses,
+    check_response,
+    file_response,
+    memory_response,
+    notes_about_response,
+)
 from sim.mjcf.sea_fields import sea_of
+from sim.resistance.response import Response
 from sim.water.sea import Sea
 
 Numerics = dict[str, NDArray[np.float64]]
@@ -53,11 +61,13 @@ Stamp = tuple[str, int, int] | None
 
 
 class Floating(NamedTuple):
-    """The content of a model: the sea, the floats, whether MuJoCo's pictures show the water, notes
-    about hulls and waves, and the stamps of the files that were read, by name."""
+    """The content of a model: the sea, the floats, the responses of bodies, whether MuJoCo's
+    pictures show the water, notes about hulls and waves, and the stamps of the files that were
+    read, by name."""
 
     sea: Sea
     floats: tuple[FloatingGeom, ...]
+    responses: tuple[Response, ...]
     is_drawn: bool
     notes: tuple[str, ...]
     files: Mapping[str, Stamp]
@@ -93,10 +103,10 @@ def read_model(model: mujoco.MjModel) -> Floating:
         first_state(model)
     sections = list(_sections(model, faults))
     files = {
-        name: stamp_of(name)
+        content: stamp_of(content)
         for section in sections
-        for name in (section.texts.get(kind) for kind in (COMPONENTS, RECORD))
-        if name is not None
+        for name, content in section.texts.items()
+        if names_file(name)
     }
     sea = sea_of(
         model, [(section.prefix, section.numerics, section.texts) for section in sections], faults
@@ -107,10 +117,12 @@ def read_model(model: mujoco.MjModel) -> Floating:
         notes += union_notes
     shapes, cut_notes = cut_shapes(model, shapes)
     notes += cut_notes
-    floats = []
+    floats, responses = [], []
     if sea is not None:
-        floats = list(_floats(model, sea, shapes, faults))
-        if any(f.drag for f in floats):
+        responses, response_notes = _responses(model, sea, sections, shapes, faults)
+        notes += response_notes
+        floats = list(_floats(model, sea, shapes, responses, faults))
+        if responses or any(f.drag for f in floats):
             with faults.collected():
                 check_solver(model)
         notes += notes_about_sizes(sea, [(shape.name, shape.hull) for shape in shapes])
@@ -118,7 +130,7 @@ def read_model(model: mujoco.MjModel) -> Floating:
     faults.refuse(notes)
     assert sea is not None  # without a sea there is a fault
     is_drawn = all(numbers_of("water_drawn", section.numerics)[0] for section in sections)
-    return Floating(sea, tuple(floats), is_drawn, tuple(notes), files)
+    return Floating(sea, tuple(floats), tuple(responses), is_drawn, tuple(notes), files)
 
 
 def _sections(model: mujoco.MjModel, faults: Faults) -> Iterator[Section]:
@@ -187,11 +199,43 @@ def _settings_of(names: Sequence[str], numerics: Numerics) -> Settings:
     )
 
 
+def _responses(
+    model: mujoco.MjModel, sea: Sea, sections: Sequence[Section], shapes: Sequence[Shape],
+    faults: Faults,
+) -> tuple[list[Response], list[str]]:  # fmt: skip
+    """The responses of bodies that have a memory or a file of coefficients, and notes about
+    them."""
+    responses, notes = [], []
+    shares = _shares_afloat(model, shapes, sea)
+    bodies = [int(model.geom_bodyid[shape.geoms[0]]) for shape in shapes]
+    hulls = list(zip(bodies, (shape.drag for shape in shapes), strict=True))
+    for section in sections:
+        fields = section.numerics, section.texts
+        for body, memory, file in bodies_with_responses(model, section.prefix, *fields):
+            with faults.collected():
+                check_response(model, body, memory, file, hulls)
+                own = [i for i, b in enumerate(bodies) if b == body]
+                volumes = [shapes[i].displaced * shapes[i].hull.volume for i in own]
+                afloat = sum(v * shares[i] for v, i in zip(volumes, own, strict=True))
+                size = Size(sum(volumes), afloat, max(shapes[i].hull.length for i in own))
+                drag = shapes[own[0]].drag
+                if memory:
+                    rows = section.numerics[memory]
+                    made = memory_response(model, body, memory, rows, sea, size)
+                else:
+                    made = file_response(model, body, file, section.texts[file], drag, sea, size)
+                responses.append(made)
+                notes += notes_about_response(model, made, drag, sea)
+    return responses, notes
+
+
 def _floats(
-    model: mujoco.MjModel, sea: Sea, shapes: Sequence[Shape], faults: Faults
-) -> Iterator[FloatingGeom]:
+    model: mujoco.MjModel, sea: Sea, shapes: Sequence[Shape], responses: Sequence[Response],
+    faults: Faults,
+) -> Iterator[FloatingGeom]:  # fmt: skip
     """The shapes with their methods and drag. Equal hulls share one method, because methods have no
     state."""
+    undamped = {response.body for response in responses if not response.is_relative}
     methods: dict[tuple[object, ...], Method] = {}
     seas = {1.0: sea}
     for shape in shapes:  # denser water has the effect of a larger volume
@@ -204,8 +248,9 @@ def _floats(
             key = shape.method, shape.settings, shape.displaced, *surface
             if key not in methods:
                 methods[key] = _made(shape, seas[shape.displaced])
-            drag = shape.drag.made(model, geom, hull, sea, afloat)
             body = int(model.geom_bodyid[geom])
+            fields = shape.drag.without_damping() if body in undamped else shape.drag
+            drag = fields.made(model, geom, hull, sea, afloat)
             united = shape.geoms if len(shape.geoms) > 1 else ()
             yield FloatingGeom(
                 shape.name, geom, body, methods[key], drag, shape.displaced, united, shape.is_cut

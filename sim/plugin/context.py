@@ -34,6 +34,7 @@ from sim.plugin.memory import (
     mujoco_library,
     word_at,
 )
+from sim.plugin.response import respond_at, response_block
 from sim.resistance.drag import SURFACE
 from sim.resistance.reaction import HULL, hull_row
 
@@ -63,14 +64,22 @@ class Context:
             [f.body for f in self.floats], return_inverse=True
         )
         drags = [f.drag for f in floats]
+        self.responses = what.responses
         self.has_resistance = any(drags)
         surfaces = [drag.surface for drag in drags if drag] or [np.zeros(1, SURFACE)]
         self._parts = parts_of([f.method for f in floats], [f.geom for f in floats])
         self._push = self._push_with_python()
+        responding = {response.body for response in self.responses}
+        float_tables = _float_tables(model, floats, responding)
         self._block = packed(
-            *_float_tables(model, floats), _hull_table(floats), np.concatenate(surfaces),
+            *float_tables, _hull_table(floats), np.concatenate(surfaces),
             sea.components, sea.water, _part_table(self._parts), _picture_table(what),
         )  # fmt: skip
+        self._responses, self._memory_size = np.empty(0, np.uint8), 0
+        if self.responses:
+            self._responses, self._memory_size = response_block(
+                sea, self.responses, floats, float_tables[1]
+            )
         self._record = self._filled(model)
         self.address = int(self._record.ctypes.data)
 
@@ -107,14 +116,23 @@ class Context:
             hulls=len(self.floats), own=record.ctypes.data, block=self._block.ctypes.data,
             block_size=self._block.size, push=push or native.push_at.address,
             act=native.act_at.address,
-            resist=native.resist_at.address if self.has_resistance else 0,
+            resist=native.resist_at.address if self.has_resistance or self.responses else 0,
             make_inertia=function_address(library, "mj_makeM"),
             factor_inertia=function_address(library, "mj_factorM"),
             release=function_address(library, "mju_free"),
+            respond=respond_at.address if self.responses else 0,
+            responses=self._responses.ctypes.data, responses_size=self._responses.size,
+            memory_start=native.MEMORY_SIZE * np.count_nonzero(model.body_weldid) + 1,
+            memory_size=self._memory_size,
         )  # fmt: skip
         for name, value in values.items():
             record[name] = value
         return record
+
+    @property
+    def state_size(self) -> int:
+        """The number of the plugin's states, up to the end of the memory."""
+        return int(self._record["memory_start"][0] + self._record["memory_size"][0])
 
     @property
     def users(self) -> int:
@@ -151,7 +169,7 @@ class Context:
         found = np.zeros((len(self.bodies), 6))
         if self.has_resistance:
             places = wrenches.ctypes.data, found.ctypes.data
-            native.resist_at.call(self.address, model._address, data._address, *places, 1)
+            native.resist_at.call(self.address, model._address, data._address, *places, 0)
         return found
 
 
@@ -219,15 +237,16 @@ class Contexts:
 
 
 def _float_tables(
-    model: mujoco.MjModel, floats: Sequence[FloatingGeom]
+    model: mujoco.MjModel, floats: Sequence[FloatingGeom], responding: set[int]
 ) -> tuple[Table, Table, Table]:
-    """FLOAT and BODY rows, ordered by body, and DOF rows of bodies with drag or added mass."""
+    """FLOAT and BODY rows, ordered by body, and DOF rows of bodies with drag or added mass.
+    responding: ids of further bodies that need DOF rows."""
     resisted = np.cumsum([f.drag is not None for f in floats]) - 1
     memories = np.cumsum(model.body_weldid != 0) - 1
     rows, bodies, dofs = [], [], []
     for body in sorted({f.body for f in floats}):
         own = [i for i, f in enumerate(floats) if f.body == body]
-        is_resisted = any(floats[i].drag for i in own)
+        is_resisted = body in responding or any(floats[i].drag for i in own)
         chain = moving_dofs(model, body) if is_resisted else []
         ends = len(rows), len(rows) + len(own), len(dofs), len(dofs) + len(chain)
         bodies.append((body, model.body_rootid[body], memories[body], *ends))

@@ -18,11 +18,13 @@ OPTION_FIELDS = ("timestep", "integrator", "disableflags")
 MODEL_FIELDS = (
     "nbody", "nnumeric", "nplugin", "M_rownnz", "M_rowadr", "body_inertia", "body_weldid",
     "numeric_size", "plugin", "plugin_stateadr", "nsensor", "sensor_plugin", "sensor_objid",
-    "sensor_adr", "sensor_objtype", "ntextdata", "text_data",
+    "sensor_adr", "sensor_objtype", "ntextdata", "text_data", "plugin_statenum", "nnames", "names",
+    "nnumericdata", "ntext", "name_numericadr", "name_textadr",
 )  # fmt: skip
 DATA_FIELDS = (
     "time", "qvel", "xfrc_applied", "xipos", "ximat", "geom_xpos", "geom_xmat", "subtree_com",
     "cvel", "cdof", "cdof_dot", "M", "plugin_data", "plugin_state", "site_xpos", "sensordata",
+    "xpos", "xmat",
 )  # fmt: skip
 """Fields of mjOption, mjModel and mjData that are read by their offsets."""
 

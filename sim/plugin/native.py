@@ -43,7 +43,8 @@ Array = NDArray[np.float64]
 CONTEXT = record(
     bodies="i8", geoms="i8", freedoms="i8", matrix="i8", hulls="i8", own="i8", block="i8",
     block_size="i8", push="i8", act="i8", resist="i8", make_inertia="i8", factor_inertia="i8",
-    release="i8", homes="i8", fields="i8", field_count="i8", layout=LAYOUT,
+    release="i8", homes="i8", fields="i8", field_count="i8", respond="i8", responses="i8",
+    responses_size="i8", memory_start="i8", memory_size="i8", layout=LAYOUT,
 )  # fmt: skip
 """The data that a call needs about a model.
 
@@ -52,7 +53,10 @@ hulls: number of hulls. own: address of this record. block, block_size: block of
 BODY, DOF, HULL, SURFACE, WAVE, WATER, PART and PICTURE. push, act, resist: functions that compute
 the hulls' wrenches, do a step's work and add resistance (0 if there is none). make_inertia,
 factor_inertia, release: MuJoCo's functions that make M, factorise M and free memory. homes: number
-of homes that use the context. fields, field_count: FIELD rows. layout: MuJoCo's layout."""
+of homes that use the context. fields, field_count: FIELD rows. respond: function that adds the
+responses of bodies (0 if there are none; see `response`). responses, responses_size: block of their
+tables. memory_start, memory_size: index and number of their numbers in the plugin's states. layout:
+MuJoCo's layout."""
 
 HOME = record(
     context="i8", content="i8", memories="i8", refused="i8", calls="i8", nanoseconds="i8",
@@ -153,6 +157,9 @@ MATRIX_SIZES = (6, 36)
 CUT = tuple(b"cut")
 """The letters of the text that cuts hulls, which depends on how the bodies stand to each other."""
 
+PANEL_CODE = tuple(b"hyd")
+"""Letters in the names of texts `hydrodynamics_<body>`, which depend on masses and frames, too."""
+
 
 class Tables(NamedTuple):
     """Tables of a context's block: FLOAT, BODY, DOF, HULL, SURFACE, WAVE, WATER, PART, PICTURE."""
@@ -194,13 +201,13 @@ def context_at(address):
 
 
 @inline
-def block_of(context):
-    return bytes_at(context.block, (context.block_size,))
+def block_at(address, size):
+    return bytes_at(address, (size,))
 
 
 @kernel
 def tables_of(context):
-    block = block_of(context)
+    block = block_at(context.block, context.block_size)
     return Tables(
         table(block, 0, FLOAT), table(block, 1, BODY), table(block, 2, DOF), table(block, 3, HULL),
         table(block, 4, SURFACE), table(block, 5, WAVE), table(block, 6, WATER),
@@ -260,32 +267,35 @@ def mixed_bytes(start, count, sum_):
 
 
 @kernel
-def has_matrices(model, layout):
-    """Whether a numeric has the size of a matrix of added mass or damping."""
-    count = integer_at(model + layout.nnumeric)
-    sizes = integers_at(model_array(model, layout.numeric_size), (count,))
-    for i in range(sizes.size):
-        if sizes[i] == MATRIX_SIZES[0] or sizes[i] == MATRIX_SIZES[1]:
+def has_letters(model, pointer, counter, letters):
+    """Whether three letters occur in an array of characters."""
+    count = integer_at(model + counter)
+    text = bytes_at(model_array(model, pointer), (count,))
+    for i in range(count - 2):
+        if text[i] == letters[0] and text[i + 1] == letters[1] and text[i + 2] == letters[2]:
             return True
     return False
 
 
 @kernel
-def has_cuts(model, layout):
-    """Whether the word "cut" occurs in a text."""
-    count = integer_at(model + layout.ntextdata)
-    text = bytes_at(model_array(model, layout.text_data), (count,))
-    for i in range(count - 2):
-        if text[i] == CUT[0] and text[i + 1] == CUT[1] and text[i + 2] == CUT[2]:
+def has_matrices(model, layout):
+    """Whether a numeric has the size of a matrix of added mass or damping, or of a memory, or a
+    name has the letters of a panel code's coefficients."""
+    count = integer_at(model + layout.nnumeric)
+    sizes = integers_at(model_array(model, layout.numeric_size), (count,))
+    for i in range(sizes.size):
+        if sizes[i] == MATRIX_SIZES[0] or sizes[i] == MATRIX_SIZES[1] or sizes[i] % 8 == 0:
             return True
-    return False
+    return has_letters(model, layout.names, layout.nnames, PANEL_CODE)
 
 
 @kernel
 def content_of(context, model):
     """The content number of a model, a hash of its FIELD rows that a double holds exactly."""
     fields = rows_at(context.fields, context.field_count, FIELD)
-    is_kind = True, has_matrices(model, context.layout), has_cuts(model, context.layout)
+    layout = context.layout
+    has_cuts = has_letters(model, layout.text_data, layout.ntextdata, CUT)
+    is_kind = True, has_matrices(model, layout), has_cuts
     found = integer_at(model + context.layout.disableflags) & ~CONTACT_FLAG
     for f in range(fields.size):
         field = fields[f]
@@ -531,15 +541,16 @@ def add_reaction(step, body, pose, centre, reaction, only_drag, total_out):
 
 
 @c_function
-def resist_at(address, model, data, wrenches, totals, only_drag):
+def resist_at(address, model, data, wrenches, totals, states):
     """Add to the bodies' wrenches (B, 6), and to the matrix of inertia, what bodies meet besides
-    the buoyancy of their hulls, `push_at`'s wrenches (H, 6). Or add the drag alone, and that to the
-    wrenches only."""
+    the buoyancy of their hulls, `push_at`'s wrenches (H, 6). states: the address of the plugin's
+    states; 0 to add the drag alone, and that to the wrenches only."""
     step = step_of(address, model, data)
     context, tables, state = step.contexts[0], step.tables, step.state
     lifts = floats_at(wrenches, (context.hulls, 6))
     found = floats_at(totals, (tables.bodies.size, 6))
-    reaction, is_made = np.empty(1, REACTION), only_drag != 0
+    only_drag = states == 0
+    reaction, is_made = np.empty(1, REACTION), only_drag
     for b in range(tables.bodies.size):
         body, decay = tables.bodies[b], 0.0
         centre, axes = state.centres[body.body], state.axes[body.body]
@@ -556,7 +567,12 @@ def resist_at(address, model, data, wrenches, totals, only_drag):
         if decay > 0.0:
             decay_spin(step, body, axes, decay, reaction)
             add_reaction(step, body, Pose(centre, axes), centre, reaction, only_drag, found[b])
-    if is_made and only_drag == 0:
+    if context.respond != 0 and not only_drag:
+        if not is_made:
+            call(context.make_inertia, (model, data))
+            is_made = True
+        call(context.respond, (address, model, data, wrenches, totals, states))
+    if is_made and not only_drag:
         call(context.factor_inertia, (model, data))
 
 
@@ -614,7 +630,7 @@ def act_at(home, model, data, states):
     add_up(tables, state_of(context, data), wrenches, totals)
     if context.resist != 0:
         to = totals.ctypes.data
-        call(context.resist, (context.own, model, data, wrenches.ctypes.data, to, 0))
+        call(context.resist, (context.own, model, data, wrenches.ctypes.data, to, states))
     if kept[REFUSED] != 0:
         totals[:] = np.nan  # MuJoCo warns of such a state and resets it
     memories = floats_at(home + HOME_SIZE, (kept[MEMORIES], HOME_ROW_SIZE))
@@ -728,6 +744,16 @@ def compute_at(model, data, instance, capability):
 
 
 @c_function
+def advance_at(model, data, instance):
+    """Note at the end of a step that the memory of the water is behind by a timestep."""
+    home = home_of(model, data, instance)
+    if home != 0 and context_at(word_at(home)).memory_size > 0:
+        context, kept = context_at(word_at(home)), words_at(home, (HOME_SIZE // 8,))
+        due = floats_at(kept[OWN_STATES] + 8 * context.memory_start, (1,))
+        due[0] += float_at(model + context.layout.timestep)
+
+
+@c_function
 def reset_at(model, states, number, instance):
     """Forget all pushes, and get a new context if the model's content has changed."""
     if number == 0:
@@ -738,7 +764,9 @@ def reset_at(model, states, number, instance):
         return
     kept = words_at(home, (HOME_SIZE // 8,))
     floats_at(home + HOME_SIZE, (kept[MEMORIES] * HOME_ROW_SIZE,))[:] = 0.0
-    floats_at(states, (kept[MEMORIES] * MEMORY_SIZE,))[:] = 0.0
+    layout = context_at(word_at(home)).layout
+    sizes = integers_at(model_array(model, layout.plugin_statenum), (lower_half(instance) + 1,))
+    floats_at(states, (sizes[lower_half(instance)],))[:] = 0.0
     follow(home, model)
     content_number(home)[0] = kept[CONTENT]
 

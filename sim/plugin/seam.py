@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from sim.kernels import CFunction, kept_kernels, when_compiling
 from sim.mjcf.checks import check_physics
 from sim.mjcf.faults import Faults, ModelError
+from sim.mjcf.fields import HYDRODYNAMICS, MEMORY
 from sim.mjcf.floats import first_state
 from sim.mjcf.notes import notes_about, notes_about_positions
 from sim.mjcf.reading import read_model
@@ -47,6 +48,8 @@ from sim.plugin.memory import (
 )
 from sim.plugin.picture import draw_at
 from sim.plugin.refusals import reading, refused, thread
+from sim.plugin.response import FIRST_STATE, respond_at
+from sim.resistance.hydrodynamics import COLUMN_SIZE, MOST_COLUMNS
 
 Array = NDArray[np.float64]
 Result = TypeVar("Result")
@@ -120,8 +123,9 @@ def memories_of(model: mujoco.MjModel, data: mujoco.MjData) -> list[Array]:
     """Arrays of memory rows (N, 12) of all bodies that can move, in order of precedence."""
     instance = model.plugin.tolist().index(_slot(NAME))
     start = int(model.plugin_stateadr[instance])
-    states = data.plugin_state[start : start + int(model.plugin_statenum[instance]) - 1]
-    states = np.reshape(states, (-1, native.MEMORY_SIZE))
+    count = int(np.count_nonzero(model.body_weldid))
+    states = data.plugin_state[start : start + native.MEMORY_SIZE * count]
+    states = np.reshape(states, (count, native.MEMORY_SIZE))
     home = homes.home(data._address)
     if not home:
         return [states]
@@ -149,6 +153,14 @@ def _found(model: int, like: mujoco.MjModel | None = None) -> tuple[Context, int
         except ModelError as error:
             say(error.notes)
             raise
+
+
+def _check_room(model: int, instance: int, context: Context) -> None:
+    """Refuse a context whose memory is larger than the plugin's state. Raises ModelError."""
+    sizes = _integers_of(model, "plugin_statenum", "nplugin")
+    if context.state_size > sizes[instance]:
+        fault = "the model was compiled without room for the memory of its bodies: compile it again"
+        raise ModelError([fault])
 
 
 def _apart(task: Callable[[], Result]) -> Result:
@@ -219,10 +231,31 @@ def _notice_of_compiling() -> Iterator[None]:
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, INTEGER)
 def _nstate(model: int, instance: int) -> int:
-    """The length of the plugin's state: a memory row for each body that can move, and the content
-    number. MuJoCo has not filled the tuples yet, so the floating bodies are unknown."""
+    """The length of the plugin's state: a memory row for each body that can move, the content
+    number, and room for the memory of the water. MuJoCo has filled no tuple, numeric and text yet,
+    but names and numbers, so the floating bodies are unknown."""
     thread.is_compiling = True
-    return native.MEMORY_SIZE * _movable_bodies(model) + 1 if _acts(model, instance) else 0
+    if not _acts(model, instance):
+        return 0
+    return native.MEMORY_SIZE * _movable_bodies(model) + 1 + _memory_room(model)
+
+
+def _memory_room(model: int) -> int:
+    """The most numbers that the memory of the water may need (see `response`). All numerics
+    together bound the columns given in MJCF; a file has at most MOST_COLUMNS."""
+
+    def count(kind: str, word: str) -> int:
+        starts = _integers_of(model, f"name_{kind}adr", f"n{kind}")
+        return sum(word.encode() in ctypes.string_at(names + start) for start in starts)
+
+    names = word_at(model + declared("names"))
+    given, files = count("numeric", MEMORY), count("text", HYDRODYNAMICS)
+    if given + files == 0:
+        return 0
+    columns = MOST_COLUMNS * files
+    if given:
+        columns += integers_at(model + declared("nnumericdata"), 1)[0] // COLUMN_SIZE
+    return FIRST_STATE + 6 * (given + files) + 2 * columns
 
 
 @ctypes.CFUNCTYPE(INTEGER, WORD, WORD, INTEGER)
@@ -238,6 +271,7 @@ def _init(model: int, data: int, instance: int) -> int:
         with contexts.lock:
             context, content = _found(model)
             _join_kernels()
+            _check_room(model, instance, context)
             if is_compiling:
                 _look_at(model, context)
             starts = word_at(model + declared("plugin_stateadr"))
@@ -275,6 +309,7 @@ def _renew(model: int, states: int) -> None:
         try:
             before = contexts.at(word_at(home + 8 * native.CONTEXT_OF))
             context, content = _found(model, like=before.model)
+            _check_room(model, slots.index(_slot(NAME)), context)
             context.adopt(home, content)
         except Exception as error:
             WORD.from_address(home + 8 * native.REFUSED).value = 1
@@ -371,6 +406,7 @@ def register() -> None:
     sensor.nsensordata = callback_address(_gauged)
     for plugin in (water, sensor):
         plugin.reset = plugin.compute = callback_address(_nothing)
+        plugin.advance = 0 if plugin is sensor else callback_address(_nothing)
         if _slot(plugin.name.decode()) < 0:
             mujoco_library().mjp_registerPlugin(ctypes.byref(plugin))
     with reading():  # compiles a model, which `init` must not do inside the compiler
@@ -393,14 +429,14 @@ def _join_kernels() -> None:
     plugin = _plugin(NAME)
     plugin.reset, plugin.compute = native.reset_at.address, native.compute_at.address
     plugin.copy, plugin.destroy = native.copy_at.address, native.destroy_at.address
-    plugin.visualize = callback_address(_draw)
+    plugin.advance, plugin.visualize = native.advance_at.address, callback_address(_draw)
 
 
 @atexit.register
 def _keep_kernels() -> None:
     """Keep the functions and tables that states use, because states may outlive the interpreter."""
     functions = [value for value in vars(native).values() if isinstance(value, CFunction)]
-    for value in (*functions, draw_at, gauge_at, native.SEAM, homes, *contexts):
+    for value in (*functions, respond_at, draw_at, gauge_at, native.SEAM, homes, *contexts):
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(value))
 
 

@@ -29,7 +29,7 @@ def added_mass_matrix(hull: Hull, density: float, added_mass: ArrayLike) -> Arra
     given = _numbers(added_mass, "added mass")
     if given.size == 6:
         return _from_coefficients(hull, density, given)
-    matrix = _checked(given.reshape(6, 6), "added mass")
+    matrix = checked_matrix(given.reshape(6, 6), "added mass")
     heaviest, displaced = np.diag(matrix)[:3].max(), density * hull.volume
     if heaviest > MOST_DISPLACED_MASSES * displaced:
         raise ValueError(
@@ -45,7 +45,7 @@ def damping_matrix(damping: ArrayLike) -> Array:
     velocity relative to the water. damping: the six numbers of its diagonal, or all 36. Raises
     ValueError for invalid numbers."""
     given = _numbers(damping, "damping")
-    return np.diag(given) if given.size == 6 else _checked(given.reshape(6, 6), "damping")
+    return np.diag(given) if given.size == 6 else checked_matrix(given.reshape(6, 6), "damping")
 
 
 ROUND_SHARE = 0.01
@@ -97,7 +97,7 @@ def _numbers(given: ArrayLike, quantity: str) -> Array:
     return given
 
 
-def _checked(matrix: Array, quantity: str) -> Array:
+def checked_matrix(matrix: Array, quantity: str) -> Array:
     """The symmetric part of a matrix that is symmetric and positive semidefinite up to round-off.
     Raises ValueError for others."""
     largest = np.abs(matrix).max()

@@ -16,6 +16,7 @@ from sim.mjcf.faults import ModelError
 from sim.mjcf.floats import FloatingGeom, body_label
 from sim.plugin import native, seam
 from sim.plugin.context import Context
+from sim.resistance.response import Response
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -32,9 +33,10 @@ class Buoyancy:
         buoyancy.sea.elevation(0.0, 0.0, data.time)
         buoyancy.wrenches(data)
 
-    sea: the sea. floats: the H hulls. bodies: (B,), ids of their bodies, each once. float_bodies:
-    (H,), index of each hull's body in `bodies`. volumes: (B,) [m^3], of each body's hulls.
-    has_resistance: whether any hull has drag or added mass.
+    sea: the sea. floats: the H hulls. responses: memory and diffraction of bodies. bodies: (B,),
+    ids of the hulls' bodies, each once. float_bodies: (H,), index of each hull's body in `bodies`.
+    volumes: (B,) [m^3], of each body's hulls. has_resistance: whether any hull has drag or added
+    mass.
 
     All methods use the kinematics in the given state. `mj_step` leaves these one step behind;
     `mj_kinematics` updates them. `push` is the result of `push(data)`, computed if it is not given.
@@ -45,6 +47,7 @@ class Buoyancy:
         self._context = context
         self.sea: Sea = context.sea
         self.floats: tuple[FloatingGeom, ...] = context.floats
+        self.responses: tuple[Response, ...] = context.responses
         self.bodies, self.float_bodies = context.bodies, context.float_bodies
         self.has_resistance = context.has_resistance
         self._geoms = np.array([f.geom for f in self.floats])

@@ -20,6 +20,10 @@ Array = NDArray[np.float64]
 NOTED_ROTATION = 30.0
 """Angle [deg] between start and rest above which there is a note."""
 
+NOTED_TILT = 5.0
+"""Angle [deg] between the rest of a body and that of its coefficients above which there is a
+note."""
+
 NOTED_FALL_SIZES = 4.0
 """Height of a fall, in sizes of the body and besides the amplitude of the waves, above which there
 is a note."""
@@ -68,6 +72,7 @@ def notes_about_start(scene: Afloat) -> Iterator[str]:
                 f"body '{body.name}' will turn over: in still water it rests {body.turned:.0f} deg "
                 "from how it starts (python scripts/hydrostatics.py says how)"
             )
+        yield from _about_rest_frames(scene, root, body.at_rest)
         above = body.start.height - body.at_rest.height
         if abs(above) > NOTED_FALL_SIZES * body.size + sea.amplitude:
             side, verb = ("above", "falls") if above > 0.0 else ("below", "shoots up")
@@ -75,6 +80,19 @@ def notes_about_start(scene: Afloat) -> Iterator[str]:
                 f"body '{body.name}' starts {abs(above):.3g} m {side} where it floats and {verb} "
                 "first"
             )
+
+
+def _about_rest_frames(scene: Afloat, root: int, at_rest: Attitude) -> Iterator[str]:
+    """A note if a body's coefficients are for another attitude than that in which it floats."""
+    for response in scene.buoyancy.responses:
+        if response.body == root and not response.is_relative:
+            up = at_rest.rotation @ response.coefficients.rotation[:, 2]
+            tilt = np.degrees(np.arctan2(np.hypot(up[0], up[1]), up[2]))
+            if tilt > NOTED_TILT:
+                yield (
+                    f"body '{body_label(scene.model, root)}' rests {tilt:.0f} deg from the "
+                    "attitude that its hydrodynamics are for; make them again for this scene"
+                )
 
 
 def trees(scene: Afloat) -> dict[int, FloatingBody]:
@@ -122,6 +140,18 @@ def _tree(
             grip = turn @ f.drag.grip @ turn.T
             matrix = in_tree(f.drag.added_mass, position, axes)
             added_masses.append(AddedMass(corners[-1] @ rotation, matrix, grip))
+    for response in scene.buoyancy.responses:
+        own, axes = response.coefficients, data.xmat[response.body].reshape(3, 3)
+        hulls = [i for i, f in enumerate(floats) if f.body == response.body]
+        if hulls:
+            whole = sum(floats[i].displaced * floats[i].method.hull.volume for i in hulls)
+            share, position = (
+                response.volume / whole,
+                data.xpos[response.body] + axes @ own.position,
+            )
+            matrix = in_tree(own.added_mass / share, position, (axes @ own.rotation).ravel())
+            shape = np.concatenate([corners[i] for i in hulls]) @ rotation
+            added_masses.append(AddedMass(shape, matrix, np.zeros((3, 3))))
     return FloatingBody(
         corners=np.concatenate(corners) @ rotation,
         mass=float(model.body_subtreemass[root]),

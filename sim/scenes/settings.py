@@ -18,12 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 from sim.mjcf.elements import prefixes_of
 from sim.mjcf.faults import Faults
 from sim.mjcf.fields import (
-    COMPONENTS,
     NUMERICS,
-    RECORD,
     TEXTS,
     WATER_PREFIXES,
     check_numeric,
+    names_file,
     numeric_base,
     refuse_unknown,
     text_base,
@@ -112,8 +111,8 @@ class _Changes:
             values = self._numerics[prefix + field]
             self._set(prefix, field, _with_number(values, field, number, value))
         elif _is_text(name, value):
-            is_path = name in (COMPONENTS, RECORD)
-            self._texts[prefix + name] = str(Path(str(value)).absolute() if is_path else value)
+            path = Path(str(value)).absolute() if names_file(name) else value
+            self._texts[prefix + name] = str(path)
         elif numeric_base(name) is None:
             refuse_unknown("field", name, ", ".join([*NUMERICS, *TEXTS]))
         else:

@@ -7,7 +7,7 @@ import mujoco
 from numpy.typing import ArrayLike
 
 from sim.mjcf.faults import Faults, ModelError
-from sim.mjcf.fields import BUOYANT, COMPONENTS, RECORD
+from sim.mjcf.fields import BUOYANT, names_file
 from sim.mjcf.files import model_files
 from sim.plugin import seam
 from sim.plugin.refusals import refusals_raised
@@ -73,7 +73,7 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     except ValueError as error:
         raise ValueError(f"{path}: {_reason(error)}") from None
     for text in spec.texts:
-        if text.name.endswith((COMPONENTS, RECORD)):
+        if names_file(text.name):
             text.data = str(path.parent.absolute() / text.data)
     return spec
 
