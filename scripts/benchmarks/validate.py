@@ -13,14 +13,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import argparse
 from collections.abc import Iterator
-from importlib.util import find_spec
 from typing import Any
 
 import make_scenes
-import numpy as np
 
 from benchmarks import validation
-from benchmarks.panel_code import floating_body, radiation, response
 from command_line import (
     Parser,
     check_outputs,
@@ -31,6 +28,7 @@ from command_line import (
     write_json,
     write_whole,
 )
+from panel_code import check_installed
 from sim import Hull
 
 TITLES = ("published", "ours", "unit", "source", "verdict")
@@ -46,7 +44,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to this file")
     parser.add_argument(
         "--panel-code", action="store_true",
-        help="compute the Wigley hull's numbers with Capytaine (pip install '.[bem]')",
+        help="compute the panel code's numbers with Capytaine (pip install '.[bem]')",
     )  # fmt: skip
     return parser.parse_args(arguments)
 
@@ -83,37 +81,19 @@ def markdown(found: list[dict[str, Any]]) -> str:
     return text
 
 
-def print_panel_code(hull: Hull) -> None:
-    """Print the Wigley hull's responses, and added mass and damping in a wave of its own length."""
-    g, rho = validation.GRAVITY, validation.DENSITY
-    body = floating_body(hull, validation.WIGLEY_CENTRE)
-    length = float(np.ptp(hull.bounds[:, 0]))
-    added, damping = radiation(body, np.sqrt(2.0 * np.pi * g / length), rho, g)
-    with np.printoptions(precision=2, suppress=True):
-        print(f"added mass in surge, heave and pitch [kg, kg m, kg m^2]\n{added}")
-        print(f"damping [N s/m, N s, N m s]\n{damping}")
-    mass = np.diag([validation.WIGLEY_MASS, validation.WIGLEY_INERTIA[1]])
-    stiffness = validation.wigley_stiffness(hull)
-    print("wavelength over length, heave [m/m], pitch [rad/ka]")
-    for ratio in validation.WIGLEY_RESPONSES:
-        wavenumber = 2.0 * np.pi / (ratio * length)
-        heave, pitch = response(body, np.sqrt(g * wavenumber), mass, stiffness, rho, g)
-        print(f"{ratio:g}  {heave:.3f}  {pitch / wavenumber:.3f}")
-
-
 def main(arguments: list[str] | None = None) -> int:
     options = parse_arguments(arguments)
     try:
-        if options.panel_code and find_spec("capytaine") is None:
-            raise ValueError(
-                "--panel-code needs capytaine, which is not installed; run: pip install '.[bem]'"
-            )
+        if options.panel_code:
+            check_installed("capytaine")
         check_outputs((options.markdown, options.json), [])
     except ValueError as error:
         return failure(error)
     hull = Hull(*make_scenes.wigley())
     if options.panel_code:
-        print_panel_code(hull)
+        from benchmarks import panel_numbers
+
+        panel_numbers.print_all(hull)
         return 0
     with notes_said(quiet=True):  # the bars turn over
         found = list(rows(hull, options.quick))

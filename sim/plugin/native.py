@@ -9,6 +9,7 @@ call.
 
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -142,8 +143,8 @@ WORDS, INSTANCES, SLOTS, SLOT, SLABS, FIND, RENEW = range(7)
 seam = named_word("waterline_seam", SEAM.ctypes.data)
 
 
-RK4 = 1
-"""mjINT_RK4."""
+RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+"""The number of the integrator whose stages each take the whole timestep."""
 
 CONTACT_FLAG = 1 << 4
 """mjDSBL_CONTACT, which MuJoCo's compiler sets during its own test step."""

@@ -13,7 +13,6 @@ than `time`, predict them, and all others take them as they are.
 
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +20,7 @@ from sim.addresses import float_at, floats_at, integer_at
 from sim.kernels import c_function, kernel, packed, table
 from sim.mjcf.floats import FloatingGeom
 from sim.plugin.native import (
+    RK4,
     add_reaction,
     arm_from,
     block_at,
@@ -55,8 +55,6 @@ the velocity and the time anew."""
 
 TIME_ROUND_OFF = 1e-6
 """Round-off of a time, as a share of the timestep."""
-
-RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
 class Responses(NamedTuple):
