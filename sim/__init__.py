@@ -6,6 +6,7 @@ checks that:
     recording/                recordings for Rerun
     runs/                     the stepping loop, samples, series, sweeps, statistics
     scenes/                   an MJCF file as a scene, its hydrostatics, the interface in Python
+    worlds/                   the water in the worlds of mujoco_warp, on a GPU
     plugin/                   the engine plugin, which MuJoCo calls in every step
     mjcf/                     reads the water and the hulls from a compiled model
     methods/, resistance/     (hull, sea, pose, time) -> wrench of the water; drag, added mass
@@ -17,7 +18,8 @@ checks that:
     addresses                 arrays, functions and counters at addresses in memory
     platforms                 what Linux, macOS and Windows do differently
 
-Nothing below mjcf imports MuJoCo. Only recording imports Rerun, which is loaded at first use.
+Nothing below mjcf imports MuJoCo. Only recording imports Rerun, and only worlds imports Warp and
+mujoco_warp; both are loaded at first use.
 """
 
 from importlib import import_module

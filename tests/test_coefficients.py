@@ -305,7 +305,7 @@ def test_what_cannot_be_done_is_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(coefficients, "solve", made_up)
     heavy = scene_file(tmp_path, BUOY.replace("512.5", "2000"))
     assert run(heavy) == 2
-    assert "body 'buoy' sinks" in capsys.readouterr().err
+    assert "body 'buoy' finds no rest on its joints" in capsys.readouterr().err
     shallow = scene_file(tmp_path, BARGE, custom='<numeric name="water_depth" data="0.3"/>')
     assert run(shallow) == 2
     assert "body 'barge' reaches 0.5 m down where it rests and" in capsys.readouterr().err

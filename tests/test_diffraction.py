@@ -20,6 +20,8 @@ BOX = """
 WAVES = ((0.03, 9.0, 20.0, 40.0), (0.02, 5.0, 200.0, -70.0), (0.01, 3.0, -75.0, 10.0))
 """Amplitude m, wavelength m, heading deg, phase deg."""
 
+LINEAR = '<text name="buoyancy_method" data="linear"/>'
+
 CURRENT, DEPTH, RAMP, TIME = (0.3, -0.2), 2.0, 40.0, 17.3
 ROUND_OFF = 1e-9
 """Of forces up to 1000 N in a sum with buoyancy."""
@@ -47,7 +49,7 @@ def scattered(folder: Path, custom: str, pose: np.ndarray, time: float, **file) 
     for share in (1.0, 0.0):
         own = dict(frequencies=BAND, headings=ANGLES, diffraction=forces()) | file
         own["diffraction"] = share * own["diffraction"]
-        compiled = model(BOX, custom=custom + text_of(folder, "cube", **own))
+        compiled = model(BOX, custom=custom + LINEAR + text_of(folder, "cube", **own))
         data = mujoco.MjData(compiled)
         data.qpos[:], data.time = pose, time
         mujoco.mj_forward(compiled, data)

@@ -17,7 +17,9 @@ TIERS = [
 """Rooms of the map, from the bottom up. Rooms of one line do not import one another."""
 
 OUTSIDE = {
-    "mujoco": {"mjcf", "plugin", "scenes", "runs", "recording"},
+    "mujoco": {"mjcf", "plugin", "worlds", "scenes", "runs", "recording"},
+    "mujoco_warp": {"worlds"},
+    "warp": {"worlds"},
     "trimesh": {"hulls"},
     "manifold3d": {"hulls"},
     "rerun": {"recording"},

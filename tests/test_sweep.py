@@ -153,7 +153,8 @@ def check_interrupted(kept: Path, stderr: str) -> None:
     """Check that Ctrl-C has stopped a sweep of RUNS after some of them."""
     rows = kept.read_text().count("\n") - 1
     assert 2 <= rows < 12
-    *notes, stopped, resume = stderr.splitlines()
+    lines = [line for line in stderr.splitlines() if line.startswith("sweep.py: ")]
+    *notes, stopped, resume = lines  # joblib may print others
     assert stopped == "sweep.py: stopped by SIGINT"
     assert resume == f"sweep.py: {rows} of 12 runs are saved; --resume does the others"
     assert all(note.startswith("sweep.py: note: ") for note in notes)

@@ -181,6 +181,16 @@ def subtract_dry_parts(surface, heads, sums_out):
 
 
 @kernel
+def add_wet_vertices(vertices, heads, datum, sums_out):
+    """Add the sum over the wet vertices to the sums (6,). datum [m]: a head that is subtracted."""
+    for v in range(heads.size):
+        head = heads[v] - datum if not heads[v] <= 0.0 else 0.0
+        weights = vertices[v].weights
+        for j in range(6):
+            sums_out[j] += head * weights[j]
+
+
+@kernel
 def wet_sums(surface, heads, wet, sums_out):
     """Sums (6,) of the wet surface over - density gravity, body frame, from the heads of all
     vertices."""
@@ -188,11 +198,7 @@ def wet_sums(surface, heads, wet, sums_out):
     # cancel, and their round-off, out of the sum of a deeply submerged hull.
     datum = heads[0] if wet == heads.size else 0.0
     sums_out[:] = 0.0
-    for v in range(heads.size):
-        head = heads[v] - datum if not heads[v] <= 0.0 else 0.0
-        weights = surface.vertices[v].weights
-        for j in range(6):
-            sums_out[j] += head * weights[j]
+    add_wet_vertices(surface.vertices, heads, datum, sums_out)
     if wet < heads.size:
         subtract_dry_parts(surface, heads, sums_out)
 

@@ -5,6 +5,7 @@ they are used, they are checked against a model and a state whose arrays are kno
 """
 
 import ctypes
+from copy import copy
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -159,6 +160,13 @@ def take_over(model: mujoco.MjModel, source: int) -> None:
         )
         if size and isinstance(field.type, ast_nodes.PointerType):
             ctypes.memmove(to, start, size)
+
+
+def without_plugin(model: mujoco.MjModel) -> mujoco.MjModel:
+    """A copy of a model that has no plugin instances."""
+    found = copy(model)
+    ctypes.c_int32.from_address(found._address + offsets()["nplugin"]).value = 0
+    return found
 
 
 def picture_offsets() -> dict[str, int]:

@@ -201,7 +201,10 @@ def add_added_mass(fraction, growth, ahead, matrix, middle, reaction_out):
 @kernel
 def add_wet_added_mass(fraction, growth, ahead, hull, rotation, reaction_out):
     """Add the forces of an added mass that moves with the centroid of the wet part."""
-    r, now, middle = reaction_out[0], hull.added_mass.copy(), hull.added_mass.copy()
+    r, now, middle = reaction_out[0], np.empty((6, 6)), np.empty((6, 6))
+    for i in range(6):
+        for j in range(6):
+            now[i, j], middle[i, j] = hull.added_mass[i, j], hull.added_mass[i, j]
     lever, rate, velocity = np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
     wet_levers(fraction, growth, hull, rotation, r.velocity[3:], lever, rate)
     shift_matrix(lever, now)

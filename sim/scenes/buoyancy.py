@@ -3,8 +3,9 @@
 The water acts without this class: MuJoCo calls the plugin (see `plugin.seam`) in every step.
 """
 
+from collections.abc import Sequence
 from functools import cached_property
-from typing import NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import mujoco
 import numpy as np
@@ -16,8 +17,12 @@ from sim.mjcf.faults import ModelError
 from sim.mjcf.floats import FloatingGeom, body_label
 from sim.plugin import native, seam
 from sim.plugin.context import Context
+from sim.plugin.layout import without_plugin
 from sim.resistance.response import Response
 from sim.water.sea import Sea
+
+if TYPE_CHECKING:
+    from sim.worlds.worlds import Worlds
 
 Array = NDArray[np.float64]
 
@@ -158,6 +163,29 @@ class Buoyancy:
             left, own = np.split(memories[movable], 2, axis=1)
             pushes = np.where(rows == left, own, pushes)
         return pushes
+
+    @cached_property
+    def dry_model(self) -> mujoco.MjModel:
+        """A copy of the model without the plugin, for `mujoco_warp.put_model`. Version 4.0.0 of
+        mujoco_warp cannot take a model with an instance that no element names."""
+        return without_plugin(self.model)
+
+    def on_warp(self, m: Any, d: Any, seas: Sequence[Sea] | None = None) -> "Worlds":
+        """Let the water act in the worlds of mujoco_warp, on a GPU or on the CPU (see
+        `worlds.Worlds`).
+
+        m, d: from `mujoco_warp.put_model` and `put_data` of this model. seas: one for each world,
+        or fewer, in turn; the model's own without them. Raises ModelError for a model that
+        mujoco_warp cannot float, ValueError for seas of another density, and ImportError without
+        mujoco_warp.
+        """
+        try:
+            from sim.worlds.worlds import Worlds
+        except ImportError as error:
+            raise ImportError(
+                f"{error}: worlds take mujoco_warp and warp-lang; install waterline-sim[warp]"
+            ) from error
+        return Worlds(self.model, self.floats, self.sea, m, d, seas)
 
     def __getstate__(self) -> NoReturn:
         raise TypeError(

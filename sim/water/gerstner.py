@@ -359,6 +359,14 @@ def copy_labels(count, labels, labels_out):
     return set_labels(at.x[:count], at.y[:count], labels_out)
 
 
+@inline
+def take_labels(count, labels, labels_out):
+    """Copy the first `count` labels with their residuals."""
+    at, to = labels[0], labels_out[0]
+    for i in range(count):
+        to.x[i], to.y[i], to.residual[i] = at.x[i], at.y[i], at.residual[i]
+
+
 @kernel
 def unsolved_points(x, y, labels, tolerance):
     """Number of points x, y: (N,) [m] that are not solved."""
@@ -390,12 +398,11 @@ def solve_labels(x, y, guess, waves, time, tolerance, at_least, heights_out, lab
     work = np.empty(1, SOLVING)
     here, there, sums = work[0].labels[:], work[0].nearer[:], work[0].sums[:]
     filled = copy_labels(x.size, guess, here)
-    copy_labels(x.size, guess, there)
     unsolved = x.size
     for step in range(1, PLAIN_STEPS + 1):
         wave_sums(filled, waves, time, here, sums)
         newton_labels(x, y, here, sums, heights_out, there)
-        here, there = there, here
+        take_labels(x.size, there, here)
         if step >= at_least:
             unsolved = unsolved_points(x, y, here, tolerance)
             if unsolved == 0:

@@ -41,6 +41,7 @@ from sim.water.gerstner import (
     set_labels,
     solve_labels,
     solved,
+    take_labels,
 )
 from sim.water.jets import (
     FIELD,
@@ -297,7 +298,7 @@ def solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets_out
         head_sums(filled, waves, time, labels, sums, higher, decayed)
         if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
             solve_labels(px, py, labels, waves, time, tolerance, ONE, heights, nearer)
-            labels, nearer = nearer, labels
+            take_labels(filled, nearer, labels)
             set_depths(filled, places, heights, decayed)
             head_sums(filled, waves, time, labels, sums, higher, decayed)
         if squeeze > 0.0:

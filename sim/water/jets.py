@@ -41,6 +41,7 @@ from sim.water.gerstner import (
     solve_labels,
     solve_others,
     solved,
+    take_labels,
     wave_sums,
 )
 
@@ -307,27 +308,33 @@ def gather_jets(surface, labels, jets_out):
 
 
 @kernel
-def near_particles(x, y, waves, time, steps, tolerance):
-    """The particles Near the points x, y: (N,) [m], after the given number of plain Newton steps
-    from the points, at least one. After PLAIN_STEPS, in a sea about to fold, points whose residual
-    still exceeds the tolerance [m] are solved with a safeguard."""
-    rows, work = np.empty((3, x.size)), np.empty(1, SOLVING)
-    near = Near(rows[0], rows[1], rows[2])
+def find_near(x, y, waves, time, steps, tolerance, near_out):
+    """Find the particles Near the points x, y: (N,) [m], after the given number of plain Newton
+    steps from the points, at least one. After PLAIN_STEPS, in a sea about to fold, points whose
+    residual still exceeds the tolerance [m] are solved with a safeguard."""
+    work = np.empty(1, SOLVING)
     labels, nearer, sums = work[0].labels[:], work[0].nearer[:], work[0].sums[:]
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
-        px, py, heights = x[start:end], y[start:end], near.height[start:end]
+        px, py, heights = x[start:end], y[start:end], near_out.height[start:end]
         filled = set_labels(px, py, labels)
-        set_labels(px, py, nearer)
         for _ in range(max(steps, 1)):
             wave_sums(filled, waves, time, labels, sums)
             newton_labels(px, py, labels, sums, heights, nearer)
-            labels, nearer = nearer, labels
+            take_labels(px.size, nearer, labels)
         if steps >= PLAIN_STEPS:
             solve_others(px, py, labels, waves, time, tolerance, nearer, sums, heights, labels)
         at = labels[0]
         for i in range(px.size):
-            near.label_x[start + i], near.label_y[start + i] = at.x[i], at.y[i]
+            near_out.label_x[start + i], near_out.label_y[start + i] = at.x[i], at.y[i]
+
+
+@kernel
+def near_particles(x, y, waves, time, steps, tolerance):
+    """The particles Near the points x, y: (N,) [m], see `find_near`."""
+    rows = np.empty((3, x.size))
+    near = Near(rows[0], rows[1], rows[2])
+    find_near(x, y, waves, time, steps, tolerance, near)
     return near
 
 
@@ -351,7 +358,7 @@ def solve_jets(x, y, near, waves, time, tolerance, squeeze, jets_out):
         jet_sums(filled, waves, time, labels, sums, higher)
         if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
             solve_labels(px, py, labels, waves, time, tolerance, ONE, found[: px.size], nearer)
-            labels, nearer = nearer, labels
+            take_labels(filled, nearer, labels)
             jet_sums(filled, waves, time, labels, sums, higher)
         if squeeze > 0.0:
             limit_squeeze(filled, squeeze, sums)

@@ -229,29 +229,10 @@ class Patches(Compiled):
             ],
             INSTANCE,
         )  # fmt: skip
-        residual = CENTRE_SHIFT_RADII * min(
-            method.tree.patches["radius"].max() for method in methods
-        )
-        steps, _ = newton_steps(sea, residual / SAFETY)
-        if steps == PLAIN_STEPS:  # near a fold, a small residual does not mean a near label
-            residual = float(sea.water["tolerance"][0])
-        squeeze = max(method.squeeze for method in methods)
-        slope = steepest_slope(sea)
-        # the heights are those of nearby particles, hence the shift
-        reach = np.hypot(1.0, slope) + CENTRE_SHIFT_RADII * slope
-        solve = np.array([(steps, residual, squeeze, reach)], SOLVE)
         of_levels = [level for method in of_trees for level in method.levels]
         waves = np.concatenate([level.waves for level in of_levels])
-        ends = np.cumsum([len(level.waves) for level in of_levels])
-        rise = sea.components["rise"].max(initial=0.0)
-        rows = np.array(
-            [
-                (end - len(level.waves), end, level.depth, level.sunk, rise)
-                for end, level in zip(ends, of_levels, strict=True)
-            ],
-            LEVEL,
-        )
-        block = packed(*joined([m.tree for m in of_trees]), waves, sea.water, solve, rows)
+        tables = joined([m.tree for m in of_trees])
+        block = packed(*tables, waves, sea.water, solve_table(methods), level_table(of_levels, sea))
         instances = instances[np.argsort(which, kind="stable")]
         return [Part(patches_wrenches, block, read_only(instances))]
 
@@ -279,6 +260,32 @@ class Patches(Compiled):
         from_centres = places - centres[used[patch]][:, None]
         heads = np.einsum("lvm,lm->lv", monomials(from_centres), coefficients[patch])
         return places.reshape(-1, 3) @ rotations.reshape(3, 3).T + positions, heads.ravel()
+
+
+def solve_table(methods: Sequence[Patches]) -> Table:
+    """The SOLVE row of methods that share a sea."""
+    sea = methods[0].sea
+    radii = [m.tree.patches["radius"][m.tree.patches["level"] == 0] for m in methods]
+    residual = CENTRE_SHIFT_RADII * min(each.max() for each in radii)
+    steps, _ = newton_steps(sea, residual / SAFETY)
+    if steps == PLAIN_STEPS:  # near a fold, a small residual does not mean a near label
+        residual = float(sea.water["tolerance"][0])
+    squeeze = max(method.squeeze for method in methods)
+    slope = steepest_slope(sea)
+    # the heights are those of nearby particles, hence the shift
+    reach = np.hypot(1.0, slope) + CENTRE_SHIFT_RADII * slope
+    return np.array([(steps, residual, squeeze, reach)], SOLVE)
+
+
+def level_table(levels: Sequence[Level], sea: Sea) -> Table:
+    """LEVEL rows."""
+    ends = np.cumsum([len(level.waves) for level in levels])
+    rise = sea.components["rise"].max(initial=0.0)
+    rows = [
+        (end - len(level.waves), end, level.depth, level.sunk, rise)
+        for end, level in zip(ends, levels, strict=True)
+    ]
+    return np.array(rows, LEVEL)
 
 
 @inline
