@@ -4,7 +4,7 @@ In a bare step the same bodies fall in air, in a state without water. All calls 
 in turns and the shortest times count, so ratios hold on a busy machine.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -45,7 +45,7 @@ def step_costs(scenes: Sequence[Path], crowd: Path) -> Iterator[Row]:
     """Yield the rows of the table: each scene without and with its drag and added mass, a chain of
     links, batches of the first scene, and batches of a crowded scene."""
     for path in scenes:
-        yield _of_scene(path.stem, _without_resistance(path))
+        yield _of_scene(path.stem, without_resistance(path))
         yield _of_scene(f"{path.stem}, drag", Scene.load(path))
     for kind, resistance in RESISTANCES.items():
         yield _of_scene(f"chain of {LINK_COUNT} links{kind}", _chain(resistance))
@@ -53,11 +53,12 @@ def step_costs(scenes: Sequence[Path], crowd: Path) -> Iterator[Row]:
         yield from _of_batches(path, count)
 
 
-def _without_resistance(path: Path) -> Scene:
+def without_resistance(path: Path, settings: Mapping[str, Any] | None = None) -> Scene:
+    """A scene without its drag and added mass, and with settings."""
     spec = mujoco.MjSpec.from_file(str(path))
     for numeric in [n for n in spec.numerics if n.name.startswith(("drag", "added_mass"))]:
         spec.delete(numeric)
-    return Scene.load(spec, name=path.stem)
+    return Scene.load(spec, name=path.stem, settings=settings or {})
 
 
 def _chain(resistance: str) -> Scene:

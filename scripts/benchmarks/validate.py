@@ -38,7 +38,7 @@ TITLES = ("published", "ours", "unit", "source", "verdict")
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(__doc__)
     parser.add_argument(
-        "--quick", action="store_true", help="fewer heights and wavelengths: half a minute"
+        "--quick", action="store_true", help="fewer heights, periods and wavelengths: half a minute"
     )
     parser.add_argument("--markdown", type=Path, metavar="FILE.md", help="write the tables to it")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to this file")
@@ -56,7 +56,8 @@ def rows(hull: Hull, quick: bool) -> Iterator[dict[str, Any]]:
         yield {
             "group": check.group, "what": check.what, "low": check.low, "high": check.high,
             "ours": found, "unit": check.unit, "source": check.source,
-            "verdict": check.verdict(found), "is_known_gap": bool(check.known_gap),
+            "verdict": check.verdict(found), "miss": check.miss(found),
+            "is_known_gap": bool(check.known_gap),
         }  # fmt: skip
 
 
@@ -72,13 +73,23 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
     return row["what"], band, f"{row['ours']:.4g}", row["unit"], row["source"], row["verdict"]
 
 
+def summary(found: list[dict[str, Any]]) -> str:
+    """How many rows hold, and the row that is furthest from its bounds, with the reason."""
+    off = [row for row in found if row["verdict"] != "holds"]
+    text = f"{len(found) - len(off)} of {len(found)} rows hold."
+    if off:
+        worst = max(off, key=lambda row: abs(row["miss"]))
+        text += f" The furthest off is '{worst['what']}' ({worst['group']}): {worst['verdict']}."
+    return text
+
+
 def markdown(found: list[dict[str, Any]]) -> str:
     """The tables as a Markdown page."""
     text = "# Validation\n\n"
     for titles, table in tables(found):
         lines = [titles, ("---",) * len(titles), *table]
         text += "".join(f"| {' | '.join(line)} |\n" for line in lines) + "\n"
-    return text
+    return text + summary(found) + "\n"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -100,6 +111,7 @@ def main(arguments: list[str] | None = None) -> int:
     for titles, table in tables(found):
         print_table(titles, table)
         print()
+    print(summary(found))
     if options.markdown is not None:
         text = markdown(found)
         write_whole(options.markdown, lambda beside: beside.write_text(text))

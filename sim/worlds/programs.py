@@ -980,10 +980,7 @@ def single(table: np.ndarray, lengths: dict[int, int] | None = None) -> np.ndarr
         fields = []
         for name, (kind, *_) in (dtype.fields or {}).items():
             base, shape = kind.subdtype or (kind, ())
-            if base.names:
-                base = narrowed(base)
-            else:
-                base = np.dtype({"f": "f4", "i": "i4"}[base.kind])
+            base = narrowed(base) if base.names else np.dtype({"f": "f4", "i": "i4"}[base.kind])
             fields.append((name, base, tuple(lengths.get(int(n), int(n)) for n in shape)))
         return np.dtype(fields, align=True)
 
