@@ -16,7 +16,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import argparse
 import os
+import re
 from collections.abc import Iterator, Sequence
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
@@ -28,6 +30,7 @@ from mujoco.batch import Batch
 
 from command_line import at_least, check_outputs, failure, run_script, write_json
 from sim import Scene, Sea
+from sim.worlds.programs import GPU_LANES, programs
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 GPU_WORLDS, CPU_WORLDS = (64, 512, 2048, 8192, 16384), (16, 64)
@@ -164,6 +167,21 @@ def measured(counts: list[int], steps: int) -> Iterator[dict[str, Any]]:
             yield row
 
 
+def instruction_counts() -> dict[str, int]:
+    """The instructions of each kernel in PTX, compiled for sm_90 without a GPU."""
+    counts = {}
+    with TemporaryDirectory() as folder:
+        module = programs(GPU_LANES).module
+        (compiled,) = wp.compile_aot_module(module, arch=90, use_ptx=True, module_dir=folder)
+        for kernel in Path(compiled).read_text().split(".entry ")[1:]:
+            name = re.sub(
+                r"^_add_\w+?__locals__|_[0-9a-f]{8}_\w*$", "", kernel[: kernel.index("(")]
+            )
+            lines = kernel[kernel.index("{") :].split("\n}")[0].splitlines()
+            counts[name] = sum(bool(re.match(r"\s+(@|[a-z])", line)) for line in lines)
+    return counts
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--worlds", type=at_least(1), nargs="+", help="numbers of worlds")
@@ -200,6 +218,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         about = {"device": device.name, "warp": wp.__version__, "cores": os.cpu_count()}
         write_json(options.json, {"about": about, "rows": rows})
+    if not device.is_cuda:
+        print("instructions of the kernels for a GPU (sm_90), before the driver's own assembler:")
+        for name, count in instruction_counts().items():
+            print(f"{name:28}{count:8,}")
     return 0
 
 
