@@ -450,3 +450,16 @@ def test_overlapping_shells_of_a_mesh_are_noted(tmp_path):
     with pytest.warns(Note, match="its shells overlap and are one hull.*12 % of its volume twice"):
         buoyancy = Buoyancy.of(model(body, ("g",), assets=mesh))
     assert buoyancy.floats[0].method.hull.volume == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize(
+    ("joint", "is_held"),
+    [("<freejoint/>", False), ('<joint type="slide" axis="0 0 1"/>', False), ("<joint/>", True)],
+)
+def test_a_matrix_of_a_body_that_joints_hold_is_noted(joint, is_held):
+    """Its submerged share at rest is that of a body that floats freely."""
+    numbers = " ".join(map(str, np.diag(np.full(6, 100.0)).ravel()))
+    flap = f'<body name="flap">{joint}<body/><geom name="f" size="1 0.2 1" type="box"/></body>'
+    extra = f'<custom><numeric name="damping_f" data="{numbers}"/></custom>'
+    notes = notes_of(flap, ("f",), extra=extra)
+    assert any("'damping_f' is taken for the draught" in note for note in notes) == is_held

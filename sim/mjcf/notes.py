@@ -14,8 +14,9 @@ from sim.mjcf.floats import (
     body_label,
     collides,
     geom_label,
+    moving_dofs,
 )
-from sim.mjcf.overlaps import notes_of_overlaps
+from sim.mjcf.overlaps import Shape, notes_of_overlaps
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
@@ -101,6 +102,26 @@ def notes_about_sizes(sea: Sea, hulls: Iterable[tuple[str, Hull]]) -> Iterator[s
                 f"{max(lengths):.3g} m: check the units (a mesh in millimetres needs "
                 'scale="0.001 0.001 0.001")'
             )
+
+
+def notes_about_matrices(model: mujoco.MjModel, shapes: Sequence[Shape]) -> list[str]:
+    """Notes about 6 x 6 matrices of bodies that their joints keep from floating freely. A matrix
+    belongs to the draught at which its body's weight floats."""
+    found = {}
+    for shape in shapes:
+        body, values = int(model.geom_bodyid[shape.geoms[0]]), shape.drag.values
+        joints = model.jnt_type[model.dof_jntid[moving_dofs(model, body)]]
+        if not np.isin(joints, (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_SLIDE)).any():
+            matrices = [
+                name for base, name in shape.drag.sources.items() if values[base].size == 36
+            ]
+            found |= dict.fromkeys(matrices, body)
+    return [
+        f"the matrix '{name}' is taken for the draught at which body '{body_label(model, body)}' "
+        "floats freely, but its joints hold it elsewhere: give a file by the text "
+        "'hydrodynamics_<body>', which acts in full there"
+        for name, body in found.items()
+    ]
 
 
 def _about_floors(

@@ -39,7 +39,7 @@ from sim.mjcf.fields import (
 )
 from sim.mjcf.floats import FloatingGeom, Listed, first_state, listed_geoms
 from sim.mjcf.geoms import geom_hull
-from sim.mjcf.notes import notes_about_sizes
+from sim.mjcf.notes import notes_about_matrices, notes_about_sizes
 from sim.mjcf.overlaps import Shape, cut_shapes, united_shapes
 from sim.mjcf.response_fields import (
     Size,
@@ -121,6 +121,9 @@ def read_model(model: mujoco.MjModel) -> Floating:
     if sea is not None:
         responses, response_notes = _responses(model, sea, sections, shapes, faults)
         notes += response_notes
+        filed = _bodies_with_files(responses)
+        free = [shape for shape in shapes if model.geom_bodyid[shape.geoms[0]] not in filed]
+        notes += notes_about_matrices(model, free)
         floats = list(_floats(model, sea, shapes, responses, faults))
         if responses or any(f.drag for f in floats):
             with faults.collected():
@@ -229,13 +232,18 @@ def _responses(
     return responses, notes
 
 
+def _bodies_with_files(responses: Sequence[Response]) -> set[int]:
+    """The bodies whose matrices belong with a file of coefficients."""
+    return {response.body for response in responses if not response.is_relative}
+
+
 def _floats(
     model: mujoco.MjModel, sea: Sea, shapes: Sequence[Shape], responses: Sequence[Response],
     faults: Faults,
 ) -> Iterator[FloatingGeom]:  # fmt: skip
     """The shapes with their methods and drag. Equal hulls share one method, because methods have no
     state."""
-    undamped = {response.body for response in responses if not response.is_relative}
+    undamped = _bodies_with_files(responses)
     methods: dict[tuple[object, ...], Method] = {}
     seas = {1.0: sea}
     for shape in shapes:  # denser water has the effect of a larger volume
