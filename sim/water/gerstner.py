@@ -105,10 +105,6 @@ SUMS = record(x=ROW, y=ROW, z=ROW, z_x=ROW, z_y=ROW, x_x=ROW, x_y=ROW, y_y=ROW)
 """Workspace: sums over the waves at a chunk's labels. x, y: offset of the particle from its label;
 z: its height above the level; the other fields: derivatives of these by the label."""
 
-SOLVING = record(labels=(LABELS, 1), nearer=(LABELS, 1), sums=(SUMS, 1))
-"""Workspace of a solve, in one piece, because each allocation costs a tenth of a microsecond: the
-labels before and after a Newton step, and the sums at them."""
-
 # sin(2 pi u) = u * sum SINE[i] u^2i and cos(2 pi u) = sum COSINE[i] u^2i on |u| <= 1/4, fitted
 # at Chebyshev nodes with 60 digits; the error of the fit is below 4e-18.
 SINE = (
@@ -395,8 +391,7 @@ def solve_labels(x, y, guess, waves, time, tolerance, at_least, heights_out, lab
     Write the LABELS and the heights (N,) [m] above the level. Take at least `at_least` plain steps,
     and more until all residuals are below the tolerance [m].
     """
-    work = np.empty(1, SOLVING)
-    here, there, sums = work[0].labels[:], work[0].nearer[:], work[0].sums[:]
+    here, there, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
     filled = copy_labels(x.size, guess, here)
     unsolved = x.size
     for step in range(1, PLAIN_STEPS + 1):

@@ -73,13 +73,6 @@ DECAYED = record(
 derivatives of F. s_1 is all of F_s; s_2 and s_3 are only the second sum's share of F_ss and F_sss.
 sine, cosine: of one wave above a bottom, times S."""
 
-HEAD_JET_WORK = record(
-    labels=(LABELS, 1), nearer=(LABELS, 1), sums=(SUMS, 1), higher=(HIGHER_SUMS, 1),
-    first=(FIRST, 1), decayed=(DECAYED, 1), field=(FIELD, 1), slope=(FIELD, 1),
-    at_particles=(FIELD, 1), at_points=(FIELD, 1),
-)  # fmt: skip
-"""The workspaces of a chunk's jets, in one piece (see `gerstner.SOLVING`)."""
-
 
 @kernel
 def set_depths(count, above, heights, decayed_out):
@@ -283,13 +276,10 @@ def gather_heads(x, y, above, labels, sums, decayed, head, slope, jets_out):
 def solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets_out):
     """HEAD_JETs (N,) at the points x, y: (N,) [m] with heights `above` the level (N,) [m], from
     particles Near them; tolerance and squeeze as in `jets.solve_jets`."""
-    work, found = np.empty(1, HEAD_JET_WORK), np.empty(CHUNK)
-    labels, nearer, sums = work[0].labels[:], work[0].nearer[:], work[0].sums[:]
-    higher, first, decayed = work[0].higher[:], work[0].first[:], work[0].decayed[:]
-    field, at_particles, at_points = (
-        work[0].field[:], work[0].at_particles[:], work[0].at_points[:]
-    )  # fmt: skip
-    slope = work[0].slope[:]
+    labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
+    higher, first, decayed = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, DECAYED)
+    field, at_particles, at_points = np.empty(1, FIELD), np.empty(1, FIELD), np.empty(1, FIELD)
+    slope, found = np.empty(1, FIELD), np.empty(CHUNK)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
         px, py, places, heights = x[start:end], y[start:end], above[start:end], found[: end - start]

@@ -30,7 +30,6 @@ from sim.water.gerstner import (
     ONE,
     PLAIN_STEPS,
     ROW,
-    SOLVING,
     SUMS,
     add_wave,
     clear_sums,
@@ -80,12 +79,6 @@ label or by position."""
 
 FIRST = record(z_x=ROW, z_y=ROW, m_xx=ROW, m_xy=ROW, m_yy=ROW)
 """Workspace: slopes of a function by position, and M of the module's docstring."""
-
-JET_WORK = record(
-    labels=(LABELS, 1), nearer=(LABELS, 1), sums=(SUMS, 1), higher=(HIGHER_SUMS, 1),
-    first=(FIRST, 1), field=(FIELD, 1), at_particles=(FIELD, 1), at_points=(FIELD, 1),
-)  # fmt: skip
-"""The workspaces of a chunk's jets, in one piece (see `gerstner.SOLVING`)."""
 
 
 @inline
@@ -312,8 +305,7 @@ def find_near(x, y, waves, time, steps, tolerance, near_out):
     """Find the particles Near the points x, y: (N,) [m], after the given number of plain Newton
     steps from the points, at least one. After PLAIN_STEPS, in a sea about to fold, points whose
     residual still exceeds the tolerance [m] are solved with a safeguard."""
-    work = np.empty(1, SOLVING)
-    labels, nearer, sums = work[0].labels[:], work[0].nearer[:], work[0].sums[:]
+    labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
         px, py, heights = x[start:end], y[start:end], near_out.height[start:end]
@@ -347,10 +339,9 @@ def solve_jets(x, y, near, waves, time, tolerance, squeeze, jets_out):
     steps taken for `near` suffice, jets are smooth functions of the point, however loose the
     tolerance is.
     """
-    work, found = np.empty(1, JET_WORK), np.empty(CHUNK)
-    labels, nearer, sums = work[0].labels[:], work[0].nearer[:], work[0].sums[:]
-    higher, first, heights = work[0].higher[:], work[0].first[:], work[0].field[:]
-    at_particles, at_points = work[0].at_particles[:], work[0].at_points[:]
+    labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
+    higher, first, heights = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, FIELD)
+    at_particles, at_points, found = np.empty(1, FIELD), np.empty(1, FIELD), np.empty(CHUNK)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
         px, py = x[start:end], y[start:end]

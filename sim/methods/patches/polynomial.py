@@ -262,19 +262,25 @@ def turn_lanes(work):
 
 
 @kernel
+def scatter_lanes(work, polynomials_out):
+    """Copy the first polynomials (N,) out of a TURNING."""
+    w = work[0]
+    for i in range(polynomials_out.size):
+        polynomial = polynomials_out[i]
+        for j in range(MONOMIALS):
+            polynomial.c[j] = w.c[j, i]
+        polynomial.bound_2, polynomial.bound_3 = w.bound_2[i], w.bound_3[i]
+
+
+@kernel
 def decayed_polynomials(jets, chosen, rotations, polynomials_out):
     """Polynomials (N,) of the heads around the chosen patches' centres, from their HEAD_JETs."""
     work = np.empty(1, TURNING)
-    w = work[0]
     for start in range(0, jets.size, LANES):
         end = min(start + LANES, jets.size)
         gather_lanes(jets[start:end], chosen[start:end], rotations, work)
         turn_lanes(work)
-        for i in range(end - start):
-            polynomial = polynomials_out[start + i]
-            for j in range(MONOMIALS):
-                polynomial.c[j] = w.c[j, i]
-            polynomial.bound_2, polynomial.bound_3 = w.bound_2[i], w.bound_3[i]
+        scatter_lanes(work, polynomials_out[start:end])
 
 
 @inline
