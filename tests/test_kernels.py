@@ -1,5 +1,6 @@
 """Packed blocks of tables, and the cache of compiled code."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -16,6 +17,9 @@ from sim.kernels import kernel, packed, record, table, when_compiling
 
 PAIR = record(name="i8", numbers=("f8", 3))
 SINGLE = record(value="f4")
+
+KERNELS = {"kernel", "summing_kernel", "inline", "c_function", "c_query"}
+"""The decorators of functions that numba compiles."""
 
 
 @kernel
@@ -163,3 +167,40 @@ def test_a_full_disk_gives_one_warning(tmp_path):
     done = run(tmp_path, "import made; print(made.twice(21))", PYTHONDONTWRITEBYTECODE="1")
     assert (done.returncode, done.stdout) == (0, "42\n"), done.stderr
     assert done.stderr.count("compiled kernels cannot be kept") == 1
+
+
+def made_tables(function: ast.FunctionDef) -> set[str]:
+    """The names of the tables that a function makes."""
+    made = set()
+    for node in ast.walk(function):
+        if isinstance(node, ast.Assign):
+            target = node.targets[0]
+            pairs = (
+                zip(target.elts, node.value.elts, strict=True)
+                if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)
+                else [(target, node.value)]
+            )
+            made |= {
+                ast.unparse(name)
+                for name, value in pairs
+                if ast.unparse(value).startswith(("np.empty(1, ", "np.zeros(1, "))
+            }
+    return made
+
+
+def test_no_kernel_takes_a_row_of_a_table_that_it_makes():
+    """A row does not keep its table alive: numba frees the table after its last use by name."""
+    tables = 0
+    for path in (REPOSITORY / "sim").rglob("*.py"):
+        for function in ast.walk(ast.parse(path.read_text())):
+            if isinstance(function, ast.FunctionDef) and any(
+                ast.unparse(d) in KERNELS for d in function.decorator_list
+            ):
+                made = made_tables(function)
+                tables += len(made)
+                taken = [
+                    node for node in ast.walk(function)
+                    if isinstance(node, ast.Subscript) and ast.unparse(node.value) in made
+                ]  # fmt: skip
+                assert not taken, f"{path.name}, {function.name}: {ast.unparse(taken[0])}"
+    assert tables > 20

@@ -31,6 +31,13 @@ GAUGE_SIZE = 5
 
 
 @kernel
+def read_motion(motion, velocity_out):
+    """Copy the first velocity (3,) [m/s] of a MOTION."""
+    water = motion[0]
+    velocity_out[0], velocity_out[1], velocity_out[2] = water.x[0], water.y[0], water.z[0]
+
+
+@kernel
 def gauge(context, time, place, readings_out):
     """z of the surface [m], head [m] and velocity [m/s] of the water, (5,), at a point (3,) [m]."""
     tables = tables_of(context)
@@ -44,9 +51,7 @@ def gauge(context, time, place, readings_out):
     solve_heads(x, y, z, waves, water, time, readings_out[1:2])
     height[0] = max(readings_out[0] - z[0], 0.0)  # the depth
     water_motion(VELOCITY, height, waves, water, time, labels, motion)
-    readings_out[2] = motion[0].x[0]
-    readings_out[3] = motion[0].y[0]
-    readings_out[4] = motion[0].z[0]
+    read_motion(motion, readings_out[2:])
 
 
 @c_function

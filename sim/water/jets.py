@@ -301,6 +301,14 @@ def gather_jets(surface, labels, jets_out):
 
 
 @kernel
+def keep_labels(labels, x_out, y_out):
+    """Copy the first labels into x_out, y_out: (N,) [m]."""
+    at = labels[0]
+    for i in range(x_out.size):
+        x_out[i], y_out[i] = at.x[i], at.y[i]
+
+
+@kernel
 def find_near(x, y, waves, time, steps, tolerance, near_out):
     """Find the particles Near the points x, y: (N,) [m], after the given number of plain Newton
     steps from the points, at least one. After PLAIN_STEPS, in a sea about to fold, points whose
@@ -316,9 +324,7 @@ def find_near(x, y, waves, time, steps, tolerance, near_out):
             take_labels(px.size, nearer, labels)
         if steps >= PLAIN_STEPS:
             solve_others(px, py, labels, waves, time, tolerance, nearer, sums, heights, labels)
-        at = labels[0]
-        for i in range(px.size):
-            near_out.label_x[start + i], near_out.label_y[start + i] = at.x[i], at.y[i]
+        keep_labels(labels, near_out.label_x[start:end], near_out.label_y[start:end])
 
 
 @kernel
