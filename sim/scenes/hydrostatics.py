@@ -145,10 +145,8 @@ def _tree(
         hulls = [i for i, f in enumerate(floats) if f.body == response.body]
         if hulls:
             whole = sum(floats[i].displaced * floats[i].method.hull.volume for i in hulls)
-            share, position = (
-                response.volume / whole,
-                data.xpos[response.body] + axes @ own.position,
-            )
+            share = response.volume / whole
+            position = data.xpos[response.body] + axes @ own.position
             matrix = in_tree(own.added_mass / share, position, (axes @ own.rotation).ravel())
             shape = np.concatenate([corners[i] for i in hulls]) @ rotation
             added_masses.append(AddedMass(shape, matrix, np.zeros((3, 3))))
