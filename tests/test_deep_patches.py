@@ -87,3 +87,11 @@ def test_hydrostatic_pressure_has_no_larger_patches():
     mesh = trimesh.creation.box((6.0, 6.0, 16.0))
     sea = Sea.jonswap(0.5, 4.0, waves=60, seed=1).hydrostatic
     assert len(Patches(Hull.from_trimesh(mesh), sea).levels) == 1
+
+
+def test_a_hull_thinner_than_the_waves_reach_has_no_larger_patches():
+    """It would have more small ones and no use of the others."""
+    mesh = trimesh.creation.box((16.0, 16.0, 1.0)).subdivide().subdivide()
+    raft = Patches(Hull.from_trimesh(mesh), Sea.jonswap(0.5, 4.0, waves=60, seed=1), 0.02)
+    assert len(raft.tree.patches) > 200
+    assert len(raft.levels) == 1

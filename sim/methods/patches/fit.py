@@ -288,13 +288,15 @@ def _missed(
 
 
 def deep_levels(
-    sea: Sea, radius: float, tolerance: float, reach: float, deepest: float, squeeze: float
-) -> tuple[Level, ...]:
+    sea: Sea, radius: float, tolerance: float, reach: float, deepest: tuple[float, float],
+    squeeze: float,
+) -> tuple[Level, ...]:  # fmt: skip
     """Levels of larger patches, which keep a tolerance [m] from some depth on, because short waves
     do not reach that far down.
 
     radius [m]: of the patches at the surface; reach [m]: radius of a patch with the whole hull;
-    deepest [m]: depth from which a level is of no use; squeeze: as in `jets.solve_jets`.
+    deepest [m]: depths from which the first level, and from which any other, is of no use; squeeze:
+    as in `jets.solve_jets`.
     """
     if sea.pressure == "hydrostatic" or not sea.components.size or radius >= reach:
         return ()
@@ -306,14 +308,15 @@ def deep_levels(
         radius = min(LEVEL_RATIO * radius, reach)
         kept = tolerance * smallest / radius
         depth = max(depth, trough + (1.0 + CENTRE_SHIFT_RADII) * radius)
-        while depth <= deepest and _missed_estimate(sea, radius, depth) > missed * kept / tolerance:
+        limit = deepest[1] if levels else deepest[0]
+        while depth <= limit and _missed_estimate(sea, radius, depth) > missed * kept / tolerance:
             depth *= DEPTH_STEP
-        while depth <= deepest:
+        while depth <= limit:
             level = _level_at(sea, radius, depth, kept)
             if SAFETY * _deep_error(sea, level, squeeze) <= kept:
                 break
             depth *= DEPTH_STEP
-        if depth > deepest:
+        if depth > limit:
             break
         levels.append(level)
     return tuple(levels)
