@@ -95,3 +95,11 @@ def test_a_hull_thinner_than_the_waves_reach_has_no_larger_patches():
     raft = Patches(Hull.from_trimesh(mesh), Sea.jonswap(0.5, 4.0, waves=60, seed=1), 0.02)
     assert len(raft.tree.patches) > 200
     assert len(raft.levels) == 1
+
+
+def test_the_mean_level_of_waves_that_are_left_out_counts(tower):
+    """Deep down the head is that below the mean of the surface, not below the still level."""
+    sunk = max(level.sunk for level in tower.levels)
+    places, found = tower.heads_at_vertices((0.0, 0.0, -60.0), np.eye(3), 3.0)
+    missed = np.abs(found - tower.sea.head(*places.T, 3.0)).max()
+    assert missed < 0.5 * sunk
