@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,16 @@ from numba import njit
 
 from independent import REPOSITORY
 from sim.addresses import floats_at
-from sim.kernels import kernel, packed, record, table, when_compiling
+from sim.kernels import (
+    kernel,
+    packed,
+    record,
+    scratch,
+    scratch_zeros,
+    table,
+    when_compiling,
+    workspace,
+)
 
 PAIR = record(name="i8", numbers=("f8", 3))
 SINGLE = record(value="f4")
@@ -169,8 +179,12 @@ def test_a_full_disk_gives_one_warning(tmp_path):
     assert done.stderr.count("compiled kernels cannot be kept") == 1
 
 
-def made_tables(function: ast.FunctionDef) -> set[str]:
-    """The names of the tables that a function makes."""
+MAKERS = ("np.empty(1, ", "np.zeros(1, ")
+ON_STACK = ("workspace(", "scratch(", "scratch_zeros(")
+
+
+def made_by(function: ast.FunctionDef, makers: tuple[str, ...]) -> set[str]:
+    """The names of the arrays that a function makes in one of the ways."""
     made = set()
     for node in ast.walk(function):
         if isinstance(node, ast.Assign):
@@ -181,26 +195,64 @@ def made_tables(function: ast.FunctionDef) -> set[str]:
                 else [(target, node.value)]
             )
             made |= {
-                ast.unparse(name)
-                for name, value in pairs
-                if ast.unparse(value).startswith(("np.empty(1, ", "np.zeros(1, "))
+                ast.unparse(name) for name, value in pairs if ast.unparse(value).startswith(makers)
             }
     return made
 
 
-def test_no_kernel_takes_a_row_of_a_table_that_it_makes():
-    """A row does not keep its table alive: numba frees the table after its last use by name."""
-    tables = 0
+def all_kernels() -> Iterator[tuple[str, ast.FunctionDef]]:
+    """The name of its file and the text of each kernel."""
     for path in (REPOSITORY / "sim").rglob("*.py"):
         for function in ast.walk(ast.parse(path.read_text())):
             if isinstance(function, ast.FunctionDef) and any(
                 ast.unparse(d) in KERNELS for d in function.decorator_list
             ):
-                made = made_tables(function)
-                tables += len(made)
-                taken = [
-                    node for node in ast.walk(function)
-                    if isinstance(node, ast.Subscript) and ast.unparse(node.value) in made
-                ]  # fmt: skip
-                assert not taken, f"{path.name}, {function.name}: {ast.unparse(taken[0])}"
-    assert tables > 20
+                yield path.name, function
+
+
+def test_no_kernel_takes_a_row_of_a_table_that_it_makes():
+    """A row does not keep its table alive: numba frees the table after its last use by name."""
+    for name, function in all_kernels():
+        made = made_by(function, MAKERS)
+        taken = [
+            node for node in ast.walk(function)
+            if isinstance(node, ast.Subscript) and ast.unparse(node.value) in made
+        ]  # fmt: skip
+        assert not taken, f"{name}, {function.name}: {ast.unparse(taken[0])}"
+
+
+def test_no_kernel_returns_an_array_on_its_stack():
+    found = 0
+    for name, function in all_kernels():
+        made = made_by(function, ON_STACK)
+        found += len(made)
+        returned = [
+            part
+            for node in ast.walk(function)
+            if isinstance(node, ast.Return) and node.value
+            for part in (node.value.elts if isinstance(node.value, ast.Tuple) else [node.value])
+        ]
+        for part in returned:
+            while isinstance(part, ast.Subscript) and isinstance(part.slice, ast.Slice):
+                part = part.value
+            assert ast.unparse(part) not in made, f"{name}, {function.name}: {ast.unparse(part)}"
+    assert found > 40
+
+
+TWO_ROWS = record(x=("f8", 3), y=("f8", 3))
+
+
+@kernel
+def on_stack(count):
+    total = 0.0
+    for i in range(count):
+        work, numbers, zeros = workspace(TWO_ROWS), scratch((2, 3)), scratch_zeros(3)
+        row = work[0]
+        row.x[1], row.y[2], numbers[1, 2] = i, 10.0, 100.0
+        total += row.x[1] + row.y[2] + numbers[1, 2] + zeros.sum()
+        zeros[1] = 1000.0  # gone in the next round
+    return total
+
+
+def test_arrays_on_the_stack():
+    assert on_stack(4) == 0 + 1 + 2 + 3 + 4 * 110.0

@@ -15,7 +15,7 @@ from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike, NDArray
 
 from sim.geometry import cross
-from sim.kernels import inline, kernel
+from sim.kernels import inline, kernel, scratch
 
 
 @kernel
@@ -92,7 +92,7 @@ def clipped(corners, heads):
     heads (M, 3)."""
     most = 2 * corners.shape[0]  # a triangle with two wet corners leaves a quadrangle
     wet_corners, wet_heads = np.empty((most, 3, 3)), np.empty((most, 3))
-    polygon, values = np.empty((4, 3)), np.empty(4)
+    polygon, values = scratch((4, 3)), scratch(4)
     n = 0
     for f in range(corners.shape[0]):
         size = 0
@@ -121,30 +121,34 @@ def clipped(corners, heads):
 
 
 @inline
-def clip_dry_part(ax, ay, az, bx, by, bz, cx, cy, cz, ea, eb, ec):
-    """What a straight clip subtracts from the force and torque sums of a triangle that the water
-    cuts, if the sums take the heads of its wet corners over the whole triangle.
+def dry_weights(ea, eb, ec):
+    """What a straight clip subtracts from the integrals of a triangle that the water cuts, if they
+    take the heads of its wet corners over the whole triangle.
 
-    e_a, e_b, e_c are the heads, positive under water; S is the area vector. Corner a is the only
-    wet corner or the only dry corner. The waterline crosses the edges ab and ac at p and q, where
-    the head, linear along each edge, is zero. With one wet or one dry corner alike, the amount is
+    e_a, e_b, e_c are the heads, positive under water. Corner a is the only wet corner or the only
+    dry corner. The waterline crosses the edges ab and ac at p and q, where the head, linear along
+    each edge, is zero. With A the area vector, and with one wet or one dry corner alike, the amount
+    is
 
-        |e_a| / 3  (1 - t_b t_c)                                  times S (force), and
-        |e_a| / 12 [ (2a + b + c) - (2a + p + q) t_b t_c ]        crossed with S (torque),
+        |e_a| / 3  (1 - t_b t_c)                                  times A (force), and
+        |e_a| / 12 [ (2a + b + c) - (2a + p + q) t_b t_c ]        crossed with A (torque),
 
-    where t_b and t_c are the shares of the edges from a to p and from a to q. Returns the factor of
-    S and the vector to be crossed with S.
+    where t_b and t_c are the shares of the edges from a to p and from a to q. Returns the factors
+    of a, b and c in the second. Their sum is the first.
     """
     tb = ea / (ea - eb)
     tc = ea / (ea - ec)
-    share = tb * tc
-    size = abs(ea)
+    share, scale = tb * tc, abs(ea) / 12.0
     # 2a + p + q = 4a + tb (b - a) + tc (c - a)
     pa, pb, pc = share * (4.0 - tb - tc), share * tb, share * tc
-    scale = size / 12.0
+    return scale * (2.0 - pa), scale * (1.0 - pb), scale * (1.0 - pc)
+
+
+@inline
+def clip_dry_part(ax, ay, az, bx, by, bz, cx, cy, cz, ea, eb, ec):
+    """What a straight clip subtracts from the force and torque sums of a triangle: the factor of
+    its area vector, and the vector to be crossed with that. See `dry_weights`."""
+    a, b, c = dry_weights(ea, eb, ec)
     return (
-        size / 3.0 * (1.0 - share),
-        scale * ((2.0 - pa) * ax + (1.0 - pb) * bx + (1.0 - pc) * cx),
-        scale * ((2.0 - pa) * ay + (1.0 - pb) * by + (1.0 - pc) * cy),
-        scale * ((2.0 - pa) * az + (1.0 - pb) * bz + (1.0 - pc) * cz),
-    )
+        a + b + c, a * ax + b * bx + c * cx, a * ay + b * by + c * cy, a * az + b * bz + c * cz
+    )  # fmt: skip

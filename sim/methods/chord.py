@@ -20,7 +20,7 @@ import numpy as np
 
 from sim.geometry import cross, placed
 from sim.hulls.hull import Hull
-from sim.kernels import kernel, record
+from sim.kernels import kernel, record, scratch
 from sim.methods.linear import (
     Linear,
     heads_at_vertices,
@@ -71,9 +71,9 @@ class Chord(Linear):
 
 
 @kernel
-def chord_ends(vertices, heads, a, b, c):
+def chord_ends(vertices, heads, a, b, c, ends_out):
     """Fan corner f and the chord's ends (3, 3), in the order that keeps the face's winding."""
-    ends = np.empty((3, 3))
+    ends = ends_out
     p, q, r = vertices[a], vertices[b], vertices[c]
     tb, tc = heads[a] / (heads[a] - heads[b]), heads[a] / (heads[a] - heads[c])
     first, last = (1, 2) if heads[a] > 0.0 else (2, 1)
@@ -85,7 +85,6 @@ def chord_ends(vertices, heads, a, b, c):
     ends[last, 0] = p.x + tc * (r.x - p.x)
     ends[last, 1] = p.y + tc * (r.y - p.y)
     ends[last, 2] = p.z + tc * (r.z - p.z)
-    return ends
 
 
 @kernel
@@ -123,12 +122,12 @@ def chord_samples(surface, heads):
     cut, n = 0, surface.shape[0].samples
     for f in range(surface.faces.size):
         cut += odd_corner_first(surface.faces[f], heads)[0]
-    samples = np.empty(cut * n, SAMPLE)
+    samples, ends = np.empty(cut * n, SAMPLE), scratch((3, 3))
     count = 0
     for f in range(surface.faces.size):
         is_cut, a, b, c = odd_corner_first(surface.faces[f], heads)
         if is_cut:
-            ends = chord_ends(surface.vertices, heads, a, b, c)
+            chord_ends(surface.vertices, heads, a, b, c, ends)
             sample_chord(ends, samples[count : count + n])
             count += n
     return samples
@@ -156,7 +155,7 @@ def add_chords(samples, crests_only, waves, water, position, rotation, time, sum
 def chord_wrenches(block, places, positions, rotations, time, wrenches_out):
     """See `Compiled`."""
     surface, waves, water = unpacked(block)
-    heads, sums = np.empty(surface.vertices.size), np.empty(6)
+    heads, sums = np.empty(surface.vertices.size), scratch(6)
     crests_only = surface.shape[0].crests_only != 0
     for i in range(places.size):
         position, rotation = positions[places[i].pose], rotations[places[i].pose]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sim.geometry import cross, placed, sides
 from sim.hulls.hull import Hull
 from sim.hulls.triangle import clip_dry_part
-from sim.kernels import inline, kernel, packed, read_only, record, table
+from sim.kernels import inline, kernel, packed, read_only, record, scratch, table
 from sim.methods.method import Compiled, Kernel, Part, Table
 from sim.water.gerstner import WATER, WAVE, level_and_rise
 from sim.water.head import solve_heads
@@ -219,7 +219,7 @@ def write_turned(sums, rotation, scale, wrench_out):
 def linear_wrenches(block, places, positions, rotations, time, wrenches_out):
     """See `Compiled`."""
     surface, waves, water = unpacked(block)
-    heads, sums = np.empty(surface.vertices.size), np.empty(6)
+    heads, sums = np.empty(surface.vertices.size), scratch(6)
     for i in range(places.size):
         position, rotation = positions[places[i].pose], rotations[places[i].pose]
         wrench = wrenches_out[places[i].row]

@@ -10,10 +10,8 @@ site, the head [m] at the site (positive below the surface), and the velocity [m
 the site in world axes. If the site is above the surface, it is the velocity of the surface.
 """
 
-import numpy as np
-
 from sim.addresses import float_at, floats_at, integer_at, integers_at, word_at
-from sim.kernels import c_function, kernel
+from sim.kernels import c_function, kernel, scratch, workspace
 from sim.plugin.native import (
     context_at,
     home_of,
@@ -42,9 +40,9 @@ def gauge(context, time, place, readings_out):
     """z of the surface [m], head [m] and velocity [m/s] of the water, (5,), at a point (3,) [m]."""
     tables = tables_of(context)
     waves, water = tables.waves, tables.water
-    labels, guess, motion = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, MOTION)
+    labels, guess, motion = workspace(LABELS), workspace(LABELS), workspace(MOTION)
     x, y, z = place[:1].copy(), place[1:2].copy(), place[2:3].copy()
-    height, level = np.empty(1), level_and_rise(water[0], time)[0]
+    height, level = scratch(1), level_and_rise(water[0], time)[0]
     set_labels(x, y, guess)
     solve_labels(x, y, guess, waves, time, water[0].tolerance, ONE, height, labels)
     readings_out[0] = level + height[0]

@@ -32,7 +32,7 @@ from sim.addresses import (
     words_at,
 )
 from sim.geometry import cross
-from sim.kernels import c_function, c_query, inline, kernel, record, table
+from sim.kernels import c_function, c_query, inline, kernel, record, scratch_zeros, table, workspace
 from sim.methods.method import is_known
 from sim.plugin.layout import LAYOUT
 from sim.resistance.drag import SURFACE, Flow, Pose
@@ -440,7 +440,7 @@ def set_motion(step, body, pose, reaction_out):
     speeds = floats_at(model_array(data, layout.qvel), (n,))
     roots = floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))
     velocities = floats_at(model_array(data, layout.cvel), (context.bodies, 6))
-    own, arm = np.zeros(6), arm_from(roots[body.root], pose.position)
+    own, arm = scratch_zeros(6), arm_from(roots[body.root], pose.position)
     for d in range(body.first_dof, body.end_dof):
         i = dofs[d].index
         for j in range(6):
@@ -551,7 +551,7 @@ def resist_at(address, model, data, wrenches, totals, states):
     lifts = floats_at(wrenches, (context.hulls, 6))
     found = floats_at(totals, (tables.bodies.size, 6))
     only_drag = states == 0
-    reaction, is_made = np.empty(1, REACTION), only_drag
+    reaction, is_made = workspace(REACTION), only_drag
     for b in range(tables.bodies.size):
         body, decay = tables.bodies[b], 0.0
         centre, axes = state.centres[body.body], state.axes[body.body]

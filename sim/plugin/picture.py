@@ -23,7 +23,7 @@ from sim.addresses import (
     store_single,
     word_at,
 )
-from sim.kernels import c_function, kernel
+from sim.kernels import c_function, kernel, scratch
 from sim.plugin.native import context_at, home_of, model_array, tables_of
 from sim.water.gerstner import level_and_rise, solve_heights
 
@@ -224,8 +224,8 @@ def draw_at(model, data, option, scene, instance):
     cells = min(MOST_CELLS, 2 * int(0.5 * np.sqrt(0.5 * max(room, 0))))
     if picture.length == 0.0 or cells < 2:
         return
-    corners, eye, middle = np.empty((cells + 1, cells + 1, 3)), np.empty(3), np.empty(3)
-    work = np.empty(17)
+    corners, eye, middle = np.empty((cells + 1, cells + 1, 3)), scratch(3), scratch(3)
+    work = scratch(17)
     colour = work[15:].view(np.float32)
     half, level = grid(context, data, corners)
     eye_of(picture, scene, corners, half, eye)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.addresses import float_at, floats_at, integer_at
-from sim.kernels import c_function, kernel, packed, table
+from sim.kernels import c_function, kernel, packed, scratch, scratch_zeros, table, workspace
 from sim.mjcf.floats import FloatingGeom
 from sim.plugin.native import (
     RK4,
@@ -131,11 +131,11 @@ def rest_pose(step, body, response, position_out, rotation_out):
 @kernel
 def add_water_velocity(fit, weight, hull_pose, pose, water_out):
     """Add a rigid motion (6,) in the frame of a hull, times a weight, in another frame."""
-    r, spatial = hull_pose.rotation, np.empty(6)
+    r, spatial = hull_pose.rotation, scratch(6)
     for i in range(3):
         spatial[i] = r[3 * i] * fit[3] + r[3 * i + 1] * fit[4] + r[3 * i + 2] * fit[5]
         spatial[3 + i] = r[3 * i] * fit[0] + r[3 * i + 1] * fit[1] + r[3 * i + 2] * fit[2]
-    moved = np.empty(6)
+    moved = scratch(6)
     twist_at(spatial, arm_from(hull_pose.position, pose.position), pose.rotation, moved)
     for i in range(6):
         water_out[i] += weight * moved[i]
@@ -150,7 +150,7 @@ def wetness(step, tables, body, response, pose, lift, flow, reaction_out):
     is_relative = response.is_relative != 0
     if lift >= response.lift and not is_relative:
         return 1.0, 0.0
-    wet, rate, fit, water = 0.0, 0.0, np.empty(6), np.zeros(6)
+    wet, rate, fit, water = 0.0, 0.0, scratch(6), scratch_zeros(6)
     for h in range(response.first_hull, response.end_hull):
         hull = tables.hulls[h]
         own = Pose(state.places[hull.geom], state.turns[hull.geom])
@@ -178,7 +178,7 @@ def react(step, tables, response, body, pose, lift, kind, span, memory, reaction
     share, rate = wetness(step, tables, body, response, pose, lift, flow, reaction)
     set_motion(step, body, pose, reaction)
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
-    velocity = np.empty(6)
+    velocity = scratch(6)
     for i in range(6):
         velocity[i] = r.velocity[i] - r.water[i]
     columns = tables.columns[response.first_column : response.end_column]
@@ -205,7 +205,7 @@ def respond(step, tables, number, kind, span, lifts, memory, reaction, totals_ou
     body, lift = step.tables.bodies[response.body], 0.0
     for f in range(body.first, body.end):
         lift += lifts[step.tables.floats[f].hull, 2]
-    pose = Pose(np.empty(3), np.empty(9))
+    pose = Pose(scratch(3), scratch(9))
     rest_pose(step, body, response, pose.position, pose.rotation)
     react(step, tables, response, body, pose, lift, kind, span, memory, reaction)
     centre = step.state.centres[body.body]
@@ -234,7 +234,7 @@ def respond_at(address, model, data, wrenches, totals, states):
     memory = floats_at(states + 8 * context.memory_start, (context.memory_size,))
     time = float_at(data + context.layout.time)
     kind, span = kind_of_call(memory, time, float_at(model + context.layout.timestep))
-    reaction = np.empty(1, REACTION)
+    reaction = workspace(REACTION)
     for number in range(tables.bodies.size):
         respond(step, tables, number, kind, span, lifts, memory, reaction, found)
     if kind != STAGE:

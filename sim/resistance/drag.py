@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.geometry import area_vectors, areas, cross, placed, split_triangles
 from sim.hulls.hull import Hull
-from sim.kernels import inline, kernel, read_only, record, summing_kernel
+from sim.kernels import inline, kernel, read_only, record, scratch_zeros, summing_kernel, workspace
 from sim.resistance.added_mass import added_mass_matrix, damping_matrix, gripped_axes, wet_reach
 from sim.water.gerstner import (
     LABELS,
@@ -486,7 +486,7 @@ def add_damping(surface, strength, work, factor, damping_out):
 def solve_elements(surface, strength, flow, work, labels_out):
     """Compute the height of the water above each element and its LABELS, then the depth and wet
     area of each element. Returns the sum of the wet areas."""
-    e, guess, residual, steps = work[0], np.empty(1, LABELS), strength.residual, strength.steps
+    e, guess, residual, steps = work[0], workspace(LABELS), strength.residual, strength.steps
     x, y, heights = e.x[:], e.y[:], e.height[:]
     set_labels(x, y, guess)
     solve_labels(x, y, guess, flow.waves, flow.time, residual, steps, heights, labels_out)
@@ -514,8 +514,8 @@ def add_hull_drag(surface, strength, factor, work, wrench_out, damping_out):
 @kernel
 def write_drag(surface, strength, flow, position, rotation, velocity, wrench_out):
     """Compute the drag (6,) of one hull, in the axes of its frame."""
-    pose, damping = Pose(position, rotation), np.zeros((6, 6))
-    work, labels, motion = np.empty(1, WORK), np.empty(1, LABELS), np.empty(1, MOTION)
+    pose, damping = Pose(position, rotation), scratch_zeros((6, 6))
+    work, labels, motion = workspace(WORK), workspace(LABELS), workspace(MOTION)
     wrench_out[:] = 0.0
     place_elements(surface[0], pose, work)
     if solve_elements(surface[0], strength[0], flow, work, labels) > 0.0:

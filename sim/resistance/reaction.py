@@ -37,7 +37,7 @@ Source: Newman 1977 for Kirchhoff's equations.
 import numpy as np
 
 from sim.geometry import cross
-from sim.kernels import kernel, record
+from sim.kernels import kernel, record, scratch, scratch_zeros, workspace
 from sim.resistance.drag import (
     STRENGTH,
     WORK,
@@ -134,7 +134,7 @@ def wet_levers(fraction, growth, hull, rotation, spin, lever_out, rate_out):
     """
     x, y, z = rotation[6], rotation[7], rotation[8]
     tx, ty, tz = cross(x, y, z, spin[0], spin[1], spin[2])  # the vertical's rate
-    shift, change = np.empty(3), np.empty(3)
+    shift, change = scratch(3), scratch(3)
     for i in range(3):
         a, b, c = hull.reach[i, 0], hull.reach[i, 1], hull.reach[i, 2]
         reach = a * x + b * y + c * z
@@ -165,7 +165,7 @@ def shift_matrix(lever, matrix):
 def add_shifting(fraction, rate, matrix, velocity, wrench_out):
     """Add - f/2 (dA/dt) nu for an added mass A, a matrix (6, 6) that moves with levers, whose rate
     (3, 3) is given, and a velocity nu (6,) relative to the water."""
-    slip, momentum = np.zeros(3), np.zeros(6)
+    slip, momentum = scratch_zeros(3), scratch_zeros(6)
     for i in range(3):
         for j in range(3):
             slip[i] += rate[i, j] * velocity[3 + j]
@@ -184,7 +184,7 @@ def add_added_mass(fraction, growth, ahead, matrix, middle, reaction_out):
     """Add the forces of an added mass, a matrix (6, 6) of the submerged hull. growth [1/s]: rate of
     the submerged fraction; ahead [s]: time after which the inertia is taken, with the matrix that
     is then, `middle` (6, 6)."""
-    r, velocity, known, momentum = reaction_out[0], np.empty(6), np.empty(6), np.zeros(6)
+    r, velocity, known, momentum = reaction_out[0], scratch(6), scratch(6), scratch_zeros(6)
     for i in range(6):
         velocity[i], known[i] = r.velocity[i] - r.water[i], r.pull[i] - r.bias[i]
     subtract_turning(r.velocity, r.water, known)
@@ -201,11 +201,11 @@ def add_added_mass(fraction, growth, ahead, matrix, middle, reaction_out):
 @kernel
 def add_wet_added_mass(fraction, growth, ahead, hull, rotation, reaction_out):
     """Add the forces of an added mass that moves with the centroid of the wet part."""
-    r, now, middle = reaction_out[0], np.empty((6, 6)), np.empty((6, 6))
+    r, now, middle = reaction_out[0], scratch((6, 6)), scratch((6, 6))
     for i in range(6):
         for j in range(6):
             now[i, j], middle[i, j] = hull.added_mass[i, j], hull.added_mass[i, j]
-    lever, rate, velocity = np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
+    lever, rate, velocity = scratch((3, 3)), scratch((3, 3)), scratch(6)
     wet_levers(fraction, growth, hull, rotation, r.velocity[3:], lever, rate)
     shift_matrix(lever, now)
     for i in range(3):
@@ -232,7 +232,7 @@ def add_matrix_damping(fraction, factor, hull, reaction_out):
 def add_quadratic_damping(fraction, factor, hull, reaction_out):
     """Add the quadratic damping, from the hull's velocity relative to the water, in the frame of
     its matrix D: a force - R D R nu there, with R the square roots of |nu|."""
-    r, roots, pushes = reaction_out[0], np.empty((6, 6)), np.zeros(6)
+    r, roots, pushes = reaction_out[0], scratch((6, 6)), scratch_zeros(6)
     for i in range(6):
         speed = 0.0
         for j in range(6):
@@ -258,7 +258,7 @@ def hull_reaction(hull, surfaces, flow, pose, factor, ahead, reaction_out):
     the matrix; ahead: see `add_added_mass`. Return the submerged fraction."""
     r, surface, strength = reaction_out[0], surfaces[hull.surface], hull.strength
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
-    work, labels, motion = np.empty(1, WORK), np.empty(1, LABELS), np.empty(1, MOTION)
+    work, labels, motion = workspace(WORK), workspace(LABELS), workspace(MOTION)
     place_elements(surface, pose, work)
     area = solve_elements(surface, strength, flow, work, labels)
     if area == 0.0:
@@ -274,7 +274,7 @@ def hull_reaction(hull, surfaces, flow, pose, factor, ahead, reaction_out):
     if hull.has_drag:
         add_hull_drag(surface, strength, factor, work, r.drag[:], r.matrix[:])
     if hull.has_added_mass or hull.has_damping or hull.has_quadratic:
-        lower = np.empty((6, 6))
+        lower = scratch((6, 6))
         fit_matrix(surface, work, lower)
         fit_motion(surface, pose.rotation, work, lower, motion, r.water)
         if hull.has_added_mass:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.kernels import kernel, record
+from sim.kernels import kernel, record, scratch, workspace
 from sim.resistance.diffraction import Scattering
 from sim.resistance.drag import (
     STRENGTH,
@@ -93,7 +93,7 @@ def hull_wetness(hull, surfaces, flow, pose, velocity, with_water, fit_out):
     water around it, in its axes (see `rigid_fit`).
     """
     surface, strength = surfaces[hull.surface], hull.strength
-    work, labels, motion = np.empty(1, WORK), np.empty(1, LABELS), np.empty(1, MOTION)
+    work, labels, motion = workspace(WORK), workspace(LABELS), workspace(MOTION)
     fit_out[:] = 0.0
     place_elements(surface, pose, work)
     area = solve_elements(surface, strength, flow, work, labels)
@@ -104,7 +104,7 @@ def hull_wetness(hull, surfaces, flow, pose, velocity, with_water, fit_out):
         return 1.0, 0.0
     element_motion(VELOCITY, flow, work, labels, motion)
     if with_water:
-        lower = np.empty((6, 6))
+        lower = scratch((6, 6))
         fit_matrix(surface, work, lower)
         fit_motion(surface, pose.rotation, work, lower, motion, fit_out)
     if is_whole:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.geometry import cross, placed
-from sim.kernels import inline, kernel
+from sim.kernels import inline, kernel, scratch
 
 Array = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ def add_piece(ax, ay, az, bx, by, bz, cx, cy, cz, share, sums_out):
 @kernel
 def add_wetted(corners, displaced, position, rotation, sums_out):
     """Sums (11,) over the wetted pieces of triangles: see `wetted_part`."""
-    p = np.empty((3, 3))
+    p = scratch((3, 3))
     for t in range(corners.shape[0]):
         wet = 0
         for c in range(3):

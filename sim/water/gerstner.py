@@ -34,7 +34,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.kernels import inline, kernel, record
+from sim.kernels import inline, kernel, record, workspace
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
@@ -391,7 +391,7 @@ def solve_labels(x, y, guess, waves, time, tolerance, at_least, heights_out, lab
     Write the LABELS and the heights (N,) [m] above the level. Take at least `at_least` plain steps,
     and more until all residuals are below the tolerance [m].
     """
-    here, there, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
+    here, there, sums = workspace(LABELS), workspace(LABELS), workspace(SUMS)
     filled = copy_labels(x.size, guess, here)
     unsolved = x.size
     for step in range(1, PLAIN_STEPS + 1):
@@ -410,7 +410,7 @@ def solve_labels(x, y, guess, waves, time, tolerance, at_least, heights_out, lab
 @kernel
 def solve_heights(x, y, waves, time, tolerance, heights_out):
     """Height (N,) [m] of the surface above the level at the points x, y: (N,) [m]."""
-    guess, labels = np.empty(1, LABELS), np.empty(1, LABELS)
+    guess, labels = workspace(LABELS), workspace(LABELS)
     for start in range(0, x.size, CHUNK):
         chunk = slice(start, min(start + CHUNK, x.size))
         set_labels(x[chunk], y[chunk], guess)

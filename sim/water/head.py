@@ -27,9 +27,7 @@ on the drawn surface. Its gradient there matches the particles' acceleration, ex
 one heading. Bodies do not change it: there is no diffraction and no radiation.
 """
 
-import numpy as np
-
-from sim.kernels import inline, kernel, record
+from sim.kernels import inline, kernel, record, scratch, workspace
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
@@ -111,8 +109,8 @@ def take_losses(depths, dynamic, heads_out):
 @kernel
 def solve_heads(x, y, z, waves, water, time, heads_out):
     """Heads (N,) [m] at the points x, y, z: (N,) [m], from one solve each."""
-    guess, labels = np.empty(1, LABELS), np.empty(1, LABELS)
-    dynamic, depths = np.empty(1, DYNAMIC), np.empty(CHUNK)
+    guess, labels = workspace(LABELS), workspace(LABELS)
+    dynamic, depths = workspace(DYNAMIC), scratch(CHUNK)
     level, _ = level_and_rise(water[0], time)
     decays = water[0].decays and waves.size > 0
     for start in range(0, x.size, CHUNK):

@@ -25,9 +25,7 @@ At a point above the surface, the cubic is the extension of the cubic at the sur
 Inside a patch that the water cuts, the head then continues smoothly beyond the surface.
 """
 
-import numpy as np
-
-from sim.kernels import inline, kernel, record
+from sim.kernels import inline, kernel, record, scratch, workspace
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
@@ -276,10 +274,10 @@ def gather_heads(x, y, above, labels, sums, decayed, head, slope, jets_out):
 def solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets_out):
     """HEAD_JETs (N,) at the points x, y: (N,) [m] with heights `above` the level (N,) [m], from
     particles Near them; tolerance and squeeze as in `jets.solve_jets`."""
-    labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
-    higher, first, decayed = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, DECAYED)
-    field, at_particles, at_points = np.empty(1, FIELD), np.empty(1, FIELD), np.empty(1, FIELD)
-    slope, found = np.empty(1, FIELD), np.empty(CHUNK)
+    labels, nearer, sums = workspace(LABELS), workspace(LABELS), workspace(SUMS)
+    higher, first, decayed = workspace(HIGHER_SUMS), workspace(FIRST), workspace(DECAYED)
+    field, at_particles, at_points = workspace(FIELD), workspace(FIELD), workspace(FIELD)
+    slope, found = workspace(FIELD), scratch(CHUNK)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
         px, py, places, heights = x[start:end], y[start:end], above[start:end], found[: end - start]

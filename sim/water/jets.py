@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.kernels import inline, kernel, record
+from sim.kernels import inline, kernel, record, scratch, workspace
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
@@ -313,7 +313,7 @@ def find_near(x, y, waves, time, steps, tolerance, near_out):
     """Find the particles Near the points x, y: (N,) [m], after the given number of plain Newton
     steps from the points, at least one. After PLAIN_STEPS, in a sea about to fold, points whose
     residual still exceeds the tolerance [m] are solved with a safeguard."""
-    labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
+    labels, nearer, sums = workspace(LABELS), workspace(LABELS), workspace(SUMS)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
         px, py, heights = x[start:end], y[start:end], near_out.height[start:end]
@@ -345,9 +345,9 @@ def solve_jets(x, y, near, waves, time, tolerance, squeeze, jets_out):
     steps taken for `near` suffice, jets are smooth functions of the point, however loose the
     tolerance is.
     """
-    labels, nearer, sums = np.empty(1, LABELS), np.empty(1, LABELS), np.empty(1, SUMS)
-    higher, first, heights = np.empty(1, HIGHER_SUMS), np.empty(1, FIRST), np.empty(1, FIELD)
-    at_particles, at_points, found = np.empty(1, FIELD), np.empty(1, FIELD), np.empty(CHUNK)
+    labels, nearer, sums = workspace(LABELS), workspace(LABELS), workspace(SUMS)
+    higher, first, heights = workspace(HIGHER_SUMS), workspace(FIRST), workspace(FIELD)
+    at_particles, at_points, found = workspace(FIELD), workspace(FIELD), scratch(CHUNK)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
         px, py = x[start:end], y[start:end]

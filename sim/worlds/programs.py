@@ -16,9 +16,9 @@ import numpy as np
 import warp as wp
 
 from sim.methods.linear import FACE, SHAPE, VERTEX
-from sim.methods.patches.patches import CUT, SOLVE
-from sim.methods.patches.polynomial import MONOMIALS, POLYNOMIAL, SUMS
-from sim.methods.patches.tree import LEAF, MOMENTS, NODE, PATCH
+from sim.methods.patches.patches import SOLVE
+from sim.methods.patches.polynomial import MONOMIALS, POLYNOMIAL, SIX_SUMS, SUMS
+from sim.methods.patches.tree import LEAF, MOMENTS, NODE, PATCH, TRIANGLE
 from sim.resistance.drag import ELEMENTS, SURFACE
 from sim.resistance.reaction import HULL, REACTION
 from sim.water.gerstner import CHUNK, ROUND_OFF, WATER, WAVE
@@ -93,7 +93,7 @@ class Source:
             for name, dtype in dict(
                 WAVE=WAVE, WATER=WATER, PATCH=PATCH, NODE=NODE, MOMENTS=MOMENTS, LEAF=LEAF,
                 POLYNOMIAL=POLYNOMIAL, SOLVE=SOLVE, VERTEX=VERTEX, FACE=FACE, SHAPE=SHAPE,
-                HULL=HULL, SURFACE=SURFACE, REACTION=REACTION, CUT=CUT,
+                HULL=HULL, SURFACE=SURFACE, REACTION=REACTION, TRIANGLE=TRIANGLE,
             ).items()
         }  # fmt: skip
         self.waves = Opaque("Waves", self.records["WAVE"])
@@ -369,10 +369,11 @@ def _add_patches(kernels: SimpleNamespace, kernel: Any) -> None:
     tree = source.named(
         "PatchTree", patches=View(records["PATCH"]), nodes=View(records["NODE"]),
         moments=View(records["MOMENTS"]), leaves=View(records["LEAF"]),
+        triangles=View(records["TRIANGLE"]),
     )  # fmt: skip
     views = {
         name: source.translator.ctype(View(records[name]))
-        for name in ("PATCH", "NODE", "MOMENTS", "LEAF")
+        for name in ("PATCH", "NODE", "MOMENTS", "LEAF", "TRIANGLE")
     }
     snippet = source.text(
         f"""
@@ -387,10 +388,12 @@ def _add_patches(kernels: SimpleNamespace, kernel: Any) -> None:
             Code::{views["PATCH"]}{{($PATCH*)patches.data, 1, 1}},
             Code::{views["NODE"]}{{($NODE*)nodes.data, 1, 1}},
             Code::{views["MOMENTS"]}{{($MOMENTS*)moments.data, 1, 1}},
-            Code::{views["LEAF"]}{{($LEAF*)leaves.data, 1, 1}}}};
+            Code::{views["LEAF"]}{{($LEAF*)leaves.data, 1, 1}},
+            Code::{views["TRIANGLE"]}{{($TRIANGLE*)triangles.data, 1, 1}}}};
           $nodes(first, end, patch, tree, p, sums);
         }}
-        for (int k = 0; k < 6; k++) out.data[(piece * 6 + k) * worlds + world] = sums[k];
+        const int six[6] = {{{str(SIX_SUMS)[1:-1]}}};
+        for (int k = 0; k < 6; k++) out.data[(piece * 6 + k) * worlds + world] = sums[six[k]];
         """,
         nodes=(
             threads.add_nodes, "int", "int", "int", tree, records["POLYNOMIAL"],
@@ -412,6 +415,7 @@ def _add_patches(kernels: SimpleNamespace, kernel: Any) -> None:
         nodes: wp.array[wp.uint8],
         moments: wp.array[wp.uint8],
         leaves: wp.array[wp.uint8],
+        triangles: wp.array[wp.uint8],
         out: wp.array2d[float],
     ): ...
 
@@ -423,6 +427,7 @@ def _add_patches(kernels: SimpleNamespace, kernel: Any) -> None:
         nodes: wp.array[wp.uint8],
         moments: wp.array[wp.uint8],
         leaves: wp.array[wp.uint8],
+        triangles: wp.array[wp.uint8],
         out: wp.array2d[float],
     ):
         piece, world = wp.tid()
@@ -431,7 +436,7 @@ def _add_patches(kernels: SimpleNamespace, kernel: Any) -> None:
         )  # fmt: skip
         run_nodes(
             piece, world, out.shape[1], row, patch, first, end, polynomials, patches, nodes,
-            moments, leaves, out,
+            moments, leaves, triangles, out,
         )  # fmt: skip
 
     kernels.polynomials, kernels.patch_pieces = polynomials, patch_pieces

@@ -11,18 +11,20 @@ package's functions a thread calls, on which hull, patch, leaf or vertex.
 import numpy as np
 
 from sim.geometry import cross, placed
-from sim.methods.linear import Surface, add_wet_vertices, is_above, write_turned
-from sim.methods.linear import subtract_dry_parts as subtract_dry_faces
+from sim.methods.linear import (
+    Surface,
+    add_wet_vertices,
+    is_above,
+    subtract_dry_parts,
+    write_turned,
+)
 from sim.methods.patches.patches import (
     CHOSEN,
-    CUT,
     FOUND,
     add_opened_leaves,
     add_wet_nodes,
-    subtract_dry_parts,
 )
 from sim.methods.patches.polynomial import decayed_polynomials, head_and_slope, head_polynomials
-from sim.methods.patches.tree import LEAF_TRIANGLES, LEAF_VERTICES
 from sim.plugin.native import twist_at
 from sim.resistance.drag import Flow, Pose
 from sim.resistance.reaction import hull_reaction
@@ -89,7 +91,6 @@ def patch_polynomial(patch, solve, waves, sea, level, rotations, polynomial_out)
 
 def add_nodes(first, end, patch_number, tree, polynomial, sums_out):
     """Add the wet surface of some nodes of a patch to the sums (1, SUMS), as in `patches.walk`."""
-    heads, cut = np.empty((1, LEAF_VERTICES)), np.empty(LEAF_TRIANGLES + 1, CUT)
     chosen, wet, opened = np.empty(1, CHOSEN), np.empty(1, FOUND), np.empty(1, FOUND)
     c, w, o, p = chosen[0], wet[0], opened[0], polynomial[0]
     c.patch, c.instance, c.pose, w.chosen, o.chosen = patch_number, 0, 0, 0, 0
@@ -109,10 +110,7 @@ def add_nodes(first, end, patch_number, tree, polynomial, sums_out):
         else:
             if box.leaf >= 0:
                 o.node = box.leaf
-                count = add_opened_leaves(
-                    opened, tree.leaves, chosen, polynomial, heads, cut, sums_out
-                )
-                subtract_dry_parts(cut[:count], opened, heads, tree, chosen, sums_out)
+                add_opened_leaves(opened, tree, chosen, polynomial, sums_out)
             node += 1
 
 
@@ -148,7 +146,7 @@ def piece_sums(surface, heads, first, end, first_face, end_face, wet, sums_out):
     add_wet_vertices(surface.vertices[first:end], heads[first:end], datum, sums_out)
     if wet > 0 and wet < heads.size:
         faces = surface.faces[first_face:end_face]
-        subtract_dry_faces(Surface(surface.vertices, faces, surface.shape), heads, sums_out)
+        subtract_dry_parts(Surface(surface.vertices, faces, surface.shape), heads, sums_out)
 
 
 def lift(sums, rotation, scale, wrench_out):

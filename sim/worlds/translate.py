@@ -36,6 +36,7 @@ SINGLE_BELOW_ONE = 1.0 - 1e-5
 sums over elements, which are as exact as this."""
 
 FUNCTIONS = {"min": "wp::min", "max": "wp::max", "abs": "wp::abs"}
+INTRINSICS = {"lowest_bit": "lowest_bit"}
 MATHEMATICS = {"sqrt": "wp::sqrt", "floor": "wp::floor", "abs": "wp::abs"}
 CONSTANTS = {"inf": "INFINITY", "nan": "NAN", "pi": repr(np.pi)}
 OPERATORS: dict[type, str] = {
@@ -224,6 +225,13 @@ HELPERS = {
   typedef {real} real;
   static CUDA_CALLABLE inline long long floor_div(long long a, long long b) {{
     long long q = a / b; return (a % b != 0 && (a < 0) != (b < 0)) ? q - 1 : q;
+  }}
+  static CUDA_CALLABLE inline int lowest_bit(long long bits) {{
+#if defined(__CUDA_ARCH__)
+    return __ffsll(bits) - 1;
+#else
+    return __builtin_ctzll(bits);
+#endif
   }}
   static CUDA_CALLABLE inline real block_sum(real x) {{
 #if defined(__CUDA_ARCH__)
@@ -459,14 +467,16 @@ class _Function:
         self.slices[target.id] = ast.Slice(*bounds)
 
     def made_array(self, target: ast.expr, value: ast.expr) -> bool:
-        """Whether a value is a new array, np.empty or np.zeros, which is then declared."""
-        if not (isinstance(value, ast.Call) and isinstance(value.func, ast.Attribute)):
+        """Whether a value is a new array, of np.empty or np.zeros or on the stack, which is then
+        declared."""
+        if not isinstance(value, ast.Call):
             return False
-        if value.func.attr not in ("empty", "zeros") or self.module(value.func.value) is not np:
+        maker = ast.unparse(value.func).removeprefix("np.")
+        if maker not in ("empty", "zeros", "workspace", "scratch", "scratch_zeros"):
             return False
         kind: Any = "real"
-        if len(value.args) > 1:
-            given = self.constant(value.args[1])
+        if maker == "workspace" or len(value.args) > 1:
+            given = self.constant(value.args[-1])
             if isinstance(given, np.dtype):
                 kind = self.owner.record(name_of(given), given)
             elif given is np.int64:
@@ -475,12 +485,12 @@ class _Function:
                 raise self.refuse(value, "an array of another type")
         size = value.args[0]
         sizes = size.elts if isinstance(size, ast.Tuple) else [size]
-        shape = tuple(self.length(each) for each in sizes)
+        shape = (1,) if maker == "workspace" else tuple(self.length(each) for each in sizes)
         if isinstance(kind, Record) and shape == (1,):
             self.own_record(target, kind)
         else:
             self.own_array(target, Fixed(kind, shape))
-        if value.func.attr == "zeros":
+        if maker.endswith("zeros"):
             self.fill(ast.unparse(target), Fixed(kind, shape), "0")
         return True
 
@@ -884,6 +894,8 @@ class _Function:
             return self.numpy_call(node, node.func.attr)
         if name in FUNCTIONS and name not in self.globals:
             return self.plain_call(node, FUNCTIONS[name])
+        if name in INTRINSICS:
+            return self.plain_call(node, INTRINSICS[name])
         if name in ("int", "float", "bool") and name not in self.globals:
             code, _ = self.expression(node.args[0])
             kind = {"int": "int", "float": "real", "bool": "bool"}[name]

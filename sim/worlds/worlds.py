@@ -243,7 +243,7 @@ class Worlds:
         )  # fmt: skip
         self._launch(
             k.patch_pieces, (len(self._patch.pieces), n), p["patch_pieces"], self._polynomials,
-            p["patches"], p["nodes"], p["moments"], p["leaves"], self._partial,
+            p["patches"], p["nodes"], p["moments"], p["leaves"], p["triangles"], self._partial,
         )  # fmt: skip
 
     def _push_linear(self, d: Any) -> None:

@@ -40,10 +40,20 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import cross, placed, random_rotation
+from sim.geometry import placed, random_rotation
 from sim.hulls.hull import Hull
-from sim.hulls.triangle import clip_dry_part
-from sim.kernels import inline, kernel, packed, read_only, record, summing_kernel, table
+from sim.hulls.triangle import dry_weights
+from sim.kernels import (
+    inline,
+    kernel,
+    lowest_bit,
+    packed,
+    read_only,
+    record,
+    scratch,
+    summing_kernel,
+    table,
+)
 from sim.methods.linear import write_turned
 from sim.methods.method import Compiled, Part, Settings
 from sim.methods.patches.fit import CENTRE_SHIFT_RADII, Level, jet_waves, steepest_slope
@@ -53,6 +63,7 @@ from sim.methods.patches.polynomial import (
     MONOMIALS,
     POLYNOMIAL,
     SUMS,
+    TORQUE,
     bend_at,
     decayed_polynomials,
     five,
@@ -63,15 +74,16 @@ from sim.methods.patches.polynomial import (
 from sim.methods.patches.sizes import cut, default_tolerance
 from sim.methods.patches.tree import (
     LEAF,
-    LEAF_TRIANGLES,
     LEAF_VERTICES,
     MOMENTS,
     NODE,
     PATCH,
+    TRIANGLE,
     PatchTree,
     corner,
     joined,
-    odd_corner_first,
+    odd_corner,
+    triangle_codes,
 )
 from sim.notes import say
 from sim.water.gerstner import (
@@ -114,8 +126,8 @@ CHOSEN = record(patch="i8", instance="i8", pose="i8")
 FOUND = record(node="i8", chosen="i8")
 """Result of a walk: a wet node or the leaf of an opened one, and the number of its chosen patch."""
 
-CUT = record(code="i4", opened="i4")
-"""A triangle that the waterline cuts, as in `triangle_codes`, and the number of its opened leaf."""
+CORNERS = int(triangle_codes(np.arange(3)[None])[0])
+"""The code whose corners are 0, 1, 2."""
 
 
 class Water(NamedTuple):
@@ -296,6 +308,7 @@ def tree_of(block):
         table(block, 1, NODE),
         table(block, 2, MOMENTS),
         table(block, 3, LEAF),
+        table(block, 4, TRIANGLE),
     )
 
 
@@ -303,8 +316,8 @@ def tree_of(block):
 def water_of(block):
     """The tables of the sea in a block."""
     return Water(
-        table(block, 4, WAVE), table(block, 5, WATER), table(block, 6, SOLVE),
-        table(block, 7, LEVEL),
+        table(block, 5, WAVE), table(block, 6, WATER), table(block, 7, SOLVE),
+        table(block, 8, LEVEL),
     )  # fmt: skip
 
 
@@ -409,18 +422,18 @@ def add_products(factors, first, count, rows, sums_out, at):
 
 @inline
 def add_six(sums_out, i, b0, b1, b2, b3, b4, b5):
-    """Add six numbers to the sums of instance i."""
+    """Add a force and a torque to the sums of instance i."""
     sums_out[i, 0] += b0
     sums_out[i, 1] += b1
     sums_out[i, 2] += b2
-    sums_out[i, 3] += b3
-    sums_out[i, 4] += b4
-    sums_out[i, 5] += b5
+    sums_out[i, TORQUE] += b3
+    sums_out[i, TORQUE + 1] += b4
+    sums_out[i, TORQUE + 2] += b5
 
 
 @summing_kernel
 def add_wet_nodes(wet, moments, chosen, polynomials, sums_out):
-    """Add the moments of the surely wet nodes to their instances' sums (H, 6)."""
+    """Add the moments of the surely wet nodes to their instances' sums (H, SUMS)."""
     for n in range(wet.size):
         m, i = moments[wet[n].node], wet[n].chosen
         factors, at = polynomials[i].c, chosen[i].instance
@@ -429,15 +442,15 @@ def add_wet_nodes(wet, moments, chosen, polynomials, sums_out):
 
 
 @inline
-def leaf_heads(c, leaf, heads_out, n):
-    """Heads [m] of a leaf's vertices, from a polynomial, into row n."""
+def leaf_heads(c, leaf, heads_out):
+    """Heads (LEAF_VERTICES,) [m] of a leaf's vertices, from a polynomial."""
     q0, q1, q2, q3, q4 = five(c, 0)
     q5, q6, q7, q8, q9 = five(c, 5)
     q10, q11, q12, q13, q14 = five(c, 10)
     q15, q16, q17, q18, q19 = five(c, 15)
     for v in range(LEAF_VERTICES):
         x, y, z = leaf.x[v], leaf.y[v], leaf.z[v]
-        heads_out[n, v] = (
+        heads_out[v] = (
             q0
             + x * (q1 + x * (q4 + x * q10 + y * q11 + z * q12)
                    + y * (q5 + y * q13 + z * q14) + z * (q6 + z * q15))
@@ -447,25 +460,27 @@ def leaf_heads(c, leaf, heads_out, n):
 
 
 @inline
-def wet_vertices(heads, n):
-    """The set of wet vertices in row n as bits."""
-    wet = 0
+def wet_and_dry(leaf, heads):
+    """The triangles of a leaf with a wet vertex and those with a dry vertex, as bits."""
+    wet, dry = 0, 0
     for v in range(LEAF_VERTICES):
-        wet |= (1 if heads[n, v] > 0.0 else 0) << v
-    return wet
+        is_wet = heads[v] > 0.0
+        wet |= leaf.fans[v] if is_wet else 0
+        dry |= 0 if is_wet else leaf.fans[v]
+    return wet, dry
 
 
 @inline
-def add_wet_vertices(heads, n, leaf, sums_out, at):
+def add_wet_vertices(heads, leaf, sums_out, at):
     """Add the sum over a leaf's wet vertices to an instance's sums, and return the wet share of the
     leaf: the sum of the positive heads over the sum of all heads' magnitudes. It is 0 for a dry
     leaf, 1 for a wet one, and continuous in between."""
     b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     wet, total = 0.0, 0.0
     for v in range(LEAF_VERTICES):
-        positive = max(heads[n, v], 0.0)
+        positive = max(heads[v], 0.0)
         wet += positive
-        total += abs(heads[n, v])
+        total += abs(heads[v])
         b0 += positive * leaf.weights[0, v]
         b1 += positive * leaf.weights[1, v]
         b2 += positive * leaf.weights[2, v]
@@ -488,54 +503,43 @@ def add_bends(c, leaf, share, sums_out, at):
         )
 
 
+@kernel
+def subtract_dry_parts(crossed, leaf, triangles, heads, sums_out, at):
+    """Subtract from an instance's sums over wet vertices what the clip removes from the triangles
+    of a leaf that the water cuts, given as bits. heads: of its vertices."""
+    while crossed != 0:
+        t = lowest_bit(crossed)
+        crossed &= crossed - 1
+        code, row = leaf.triangles[t], triangles[leaf.first + t]
+        odd = odd_corner(code, heads)
+        i, j, k = corner(CORNERS, odd), corner(CORNERS, odd + 1), corner(CORNERS, odd + 2)
+        wi, wj, wk = dry_weights(
+            heads[corner(code, i)], heads[corner(code, j)], heads[corner(code, k)]
+        )
+        for n in range(4):
+            sums_out[at, n] -= (wi + wj + wk) * row.area[n]
+        for n in range(4):
+            arms = wi * row.arms[i, n] + wj * row.arms[j, n] + wk * row.arms[k, n]
+            sums_out[at, TORQUE + n] -= arms
+
+
 @summing_kernel
-def add_opened_leaves(opened, leaves, chosen, polynomials, heads_out, cut_out, sums_out):
-    """Add the leaves that the waterline may cross to their instances' sums (H, SUMS), before the
-    clip: the sums over the wet vertices, and the polynomial's terms beyond linear heads in
-    proportion to the wet share. Write the heads (., LEAF_VERTICES) and the CUT triangles, and
-    return the number of these."""
-    count = 0
+def add_opened_leaves(opened, tree, chosen, polynomials, sums_out):
+    """Add the leaves that the waterline may cross to their instances' sums (H, SUMS): the sums over
+    the wet vertices without what the clip removes, and the polynomial's terms beyond linear heads
+    in proportion to the wet share."""
+    heads = scratch(LEAF_VERTICES)
     for n in range(opened.size):
-        leaf, i = leaves[opened[n].node], opened[n].chosen
+        leaf, i = tree.leaves[opened[n].node], opened[n].chosen
         at, c = chosen[i].instance, polynomials[i].c
-        leaf_heads(c, leaf, heads_out, n)
-        wet = wet_vertices(heads_out, n)
+        leaf_heads(c, leaf, heads)
+        wet, dry = wet_and_dry(leaf, heads)
         if wet == 0:
             continue
-        share = add_wet_vertices(heads_out, n, leaf, sums_out, at)
+        share = add_wet_vertices(heads, leaf, sums_out, at)
         add_bends(c, leaf, share, sums_out, at)
-        for t in range(LEAF_TRIANGLES):
-            corners = leaf.corner_sets[t]
-            cut_out[count].code, cut_out[count].opened = leaf.triangles[t], n
-            inside = wet & corners
-            count += (inside != 0) & (inside != corners)
-    return count
-
-
-@kernel
-def subtract_dry_parts(cut, opened, heads, tree, chosen, sums_out):
-    """Subtract from the sums (H, SUMS) over wet vertices the sections that the clip removes from
-    cut triangles. This loop is separate because its body is the same for every cut triangle."""
-    for n in range(cut.size):
-        code, at = cut[n].code, cut[n].opened
-        leaf, i = tree.leaves[opened[at].node], opened[at].chosen
-        patch = tree.patches[chosen[i].patch]
-        code = odd_corner_first(code, heads, at)
-        a, b, c = corner(code, 0), corner(code, 1), corner(code, 2)
-        ax, ay, az = leaf.x[a], leaf.y[a], leaf.z[a]
-        bx, by, bz = leaf.x[b], leaf.y[b], leaf.z[b]
-        cx, cy, cz = leaf.x[c], leaf.y[c], leaf.z[c]
-        sx, sy, sz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
-        px, py, pz = patch.x, patch.y, patch.z
-        share, mx, my, mz = clip_dry_part(
-            ax + px, ay + py, az + pz, bx + px, by + py, bz + pz, cx + px, cy + py, cz + pz,
-            heads[at, a], heads[at, b], heads[at, c],
-        )  # fmt: skip
-        tx, ty, tz = cross(mx, my, mz, sx, sy, sz)
-        add_six(
-            sums_out, chosen[i].instance, -0.5 * share * sx, -0.5 * share * sy, -0.5 * share * sz,
-            -0.5 * tx, -0.5 * ty, -0.5 * tz,
-        )  # fmt: skip
+        if wet & dry != 0:
+            subtract_dry_parts(wet & dry, leaf, tree.triangles, heads, sums_out, at)
 
 
 @inline
@@ -630,12 +634,7 @@ def surface_sums(tree, chosen, polynomials, sums_out):
     wet, opened = np.empty(most, FOUND), np.empty(most, FOUND)
     wet_count, count = walk(tree, chosen, polynomials, wet, opened)
     add_wet_nodes(wet[:wet_count], tree.moments, chosen, polynomials, sums_out)
-    heads = np.empty((count, LEAF_VERTICES))
-    cut = np.empty(count * LEAF_TRIANGLES + 1, CUT)
-    cut_count = add_opened_leaves(
-        opened[:count], tree.leaves, chosen, polynomials, heads, cut, sums_out
-    )
-    subtract_dry_parts(cut[:cut_count], opened, heads, tree, chosen, sums_out)
+    add_opened_leaves(opened[:count], tree, chosen, polynomials, sums_out)
 
 
 @kernel
@@ -651,11 +650,13 @@ def patches_wrenches(block, instances, positions, rotations, time, wrenches_out)
     tree, sea = tree_of(block), water_of(block)
     chosen, polynomials = reached_polynomials(tree, sea, instances, positions, rotations, time)
     scale = sea.water[0].scale
-    sums, turn = np.zeros((instances.size, SUMS)), np.empty(9)
+    sums, turn, six = np.zeros((instances.size, SUMS)), scratch(9), scratch(6)
     if chosen.size > 0:
         surface_sums(tree, chosen, polynomials, sums)
     for i in range(instances.size):
         rotation = rotations[instances[i].pose]
         for j in range(9):
             turn[j] = scale * rotation[j]
-        write_turned(sums[i], turn, 1.0, wrenches_out[instances[i].row])
+        for j in range(3):
+            six[j], six[3 + j] = sums[i, j], sums[i, TORQUE + j]
+        write_turned(six, turn, 1.0, wrenches_out[instances[i].row])

@@ -13,7 +13,7 @@ from math import comb, prod
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.kernels import inline, kernel, record
+from sim.kernels import inline, kernel, record, workspace
 from sim.water.gerstner import LANES
 from sim.water.head import depth
 
@@ -29,8 +29,12 @@ MONOMIALS = LINEAR + BENDING
 QUADRATICS = 6
 """Number of quadratic coefficients."""
 
-SUMS = 8
-"""The six components of a wrench and two zeros, which fill vector registers."""
+SUMS, TORQUE = 8, 4
+"""Number of sums of a wrench: a force, 0, a torque, 0; and the index of the torque. The zeros fill
+vector registers."""
+
+SIX_SUMS = [0, 1, 2, TORQUE, TORQUE + 1, TORQUE + 2]
+"""Indices of the six components of a wrench."""
 
 POLYNOMIAL = record(c=("f8", MONOMIALS), bound_2="f8", bound_3="f8", fills_lines=("f8", 2))
 """Coefficients of a head in the body frame around a patch's centre, and bounds on its second-order
@@ -274,7 +278,7 @@ def scatter_lanes(work, polynomials_out):
 @kernel
 def decayed_polynomials(jets, chosen, rotations, polynomials_out):
     """Polynomials (N,) of the heads around the chosen patches' centres, from their HEAD_JETs."""
-    work = np.empty(1, TURNING)
+    work = workspace(TURNING)
     for start in range(0, jets.size, LANES):
         end = min(start + LANES, jets.size)
         gather_lanes(jets[start:end], chosen[start:end], rotations, work)

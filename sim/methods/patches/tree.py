@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from sim.geometry import across, area_vectors, cross, distinct_points, sides, split_triangles
 from sim.hulls.hull import Hull
 from sim.hulls.triangle import gauss_rule
-from sim.kernels import inline, kernel, record
+from sim.kernels import inline, kernel, record, scratch, scratch_zeros
 from sim.methods.linear import corner_shares
 from sim.methods.patches.polynomial import (
     BENDING,
     LINEAR,
     MONOMIALS,
     QUADRATICS,
+    SIX_SUMS,
     SUMS,
     local_quadratic,
     monomials,
@@ -90,26 +91,32 @@ MOMENTS = record(linear=("f8", (6, LINEAR)), bending=("f4", (6, BENDING)))
 LEAF = record(
     x=("f8", LEAF_VERTICES), y=("f8", LEAF_VERTICES), z=("f8", LEAF_VERTICES),
     weights=("f8", (6, LEAF_VERTICES)), bends=("f8", (QUADRATICS, SUMS)),
-    corner_sets=("i4", LEAF_TRIANGLES), triangles=("i4", LEAF_TRIANGLES),
-    middle_x="f8", middle_y="f8", middle_z="f8", fills_lines=("f8", 5),
+    fans=("i4", LEAF_VERTICES), triangles=("i4", LEAF_TRIANGLES), first="i8",
+    middle_x="f8", middle_y="f8", middle_z="f8", fills_lines=("f8", 4),
 )  # fmt: skip
 """A leaf.
 
 x, y, z: positions of its vertices relative to the patch's centre [m]; weights: of the vertices, as
 in `linear`, 0 for unused ones; bends: contributions of the quadratic coefficients at the leaf's
-middle, beyond the sum over the vertices, when all of the leaf is wet; corner_sets: the corners of
-each triangle as bits; triangles: as in `triangle_codes`; both are 0 for unused triangles.
+middle, beyond the sum over the vertices, when all of the leaf is wet; fans: the triangles around
+each vertex as bits, 0 for unused ones; triangles: as in `triangle_codes`, 0 for unused ones; first:
+its first TRIANGLE.
 """
+
+TRIANGLE = record(area=("f8", 4), arms=("f8", (3, 4)))
+"""A triangle: its area vector [m^2], and the cross products [m^3] of its corners, from the hull
+frame's origin, and this vector. Their fourth numbers are 0 and fill vector registers."""
 
 
 class PatchTree(NamedTuple):
-    """A hull cut into patches of at most a given radius: tables of PATCH, NODE, MOMENTS and LEAF.
-    Nodes are in the order of a walk that opens all; moments have the same order."""
+    """A hull cut into patches of at most a given radius: tables of PATCH, NODE, MOMENTS, LEAF and
+    TRIANGLE. Nodes are in the order of a walk that opens all; moments have the same order."""
 
     patches: Table
     nodes: Table
     moments: Table
     leaves: Table
+    triangles: Table
 
 
 def triangle_codes(corners: Integers) -> Integers:
@@ -126,13 +133,13 @@ def corner(code, i):
 
 
 @inline
-def odd_corner_first(code, heads, n):
-    """The code of a triangle that the water cuts, in an order in which the only wet or the only dry
-    corner comes first. heads: of its leaf's vertices, in row n."""
-    wet_a = heads[n, corner(code, 0)] > 0.0
-    wet_b = heads[n, corner(code, 1)] > 0.0
-    wet_c = heads[n, corner(code, 2)] > 0.0
-    return code >> CORNER_BITS * ((wet_b != wet_c) * (1 + (wet_a != wet_c)))
+def odd_corner(code, heads):
+    """The number in its triangle, 0 to 2, of the only wet or the only dry corner of a triangle that
+    the water cuts. heads: of its leaf's vertices."""
+    wet_a = heads[corner(code, 0)] > 0.0
+    wet_b = heads[corner(code, 1)] > 0.0
+    wet_c = heads[corner(code, 2)] > 0.0
+    return (wet_b != wet_c) * (1 + (wet_a != wet_c))
 
 
 def build_tree(hull: Hull, radius: float, edge: float, larger: Sequence[float] = ()) -> PatchTree:
@@ -290,7 +297,15 @@ class _Builder:
         nodes, moments = _with_larger(patches, nodes, moments)
         table = np.zeros(len(nodes), MOMENTS)
         table["linear"], table["bending"] = np.split(moments, [LINEAR], axis=2)
-        return PatchTree(patches, nodes, table, leaves)
+        return PatchTree(patches, nodes, table, leaves, self._triangles(order))
+
+    def _triangles(self, order: Integers) -> Table:
+        """TRIANGLE rows of the triangles in order."""
+        found = np.zeros(len(order), TRIANGLE)
+        areas = self.area_vectors[order]
+        found["area"][:, :3] = areas
+        found["arms"][:, :, :3] = np.cross(self.corners[order], areas[:, None])
+        return found
 
     def _leaves(self, order: Integers, spans: Integers, centres: Array) -> tuple[Table, Array]:
         """LEAF rows and moments (L, 6, MONOMIALS) of leaves. spans (L, 2): their ranges of `order`;
@@ -317,11 +332,14 @@ class _Builder:
         moments[:, :, LINEAR:] += bends @ local_quadratic(middles)
         leaves = np.zeros(len(spans), LEAF)
         leaves["x"], leaves["y"], leaves["z"] = np.moveaxis(places, 2, 0)
-        leaves["weights"], leaves["bends"][:, :, :6] = weights, np.swapaxes(bends, 1, 2)
+        leaves["weights"] = weights
+        leaves["bends"][:, :, SIX_SUMS] = np.swapaxes(bends, 1, 2)
         leaves["middle_x"], leaves["middle_y"], leaves["middle_z"] = middles.T
         corners, at = slot[corner.reshape(-1, 3)], (which, np.arange(len(order)) - start[which])
         leaves["triangles"][at] = triangle_codes(corners)
-        leaves["corner_sets"][at] = (np.int64(1) << corners).sum(axis=1)
+        bits = np.int64(1) << at[1]
+        np.bitwise_or.at(leaves["fans"], (which[:, None], corners), bits[:, None].astype(np.int32))
+        leaves["first"] = start
         return leaves, moments
 
     def _places(self, leaf_of: Integers, slot: Integers, found: Array) -> Array:
@@ -484,7 +502,7 @@ def divide(order, starts, centres, corners, numbers, nodes_out, spans_out, first
 @kernel
 def set_box(chosen, corners, centre, node):
     """Set the box of a node: the bounds of the chosen triangles, relative to the patch's centre."""
-    low, high = np.empty(3), np.empty(3)
+    low, high = scratch(3), scratch(3)
     for x in range(3):
         low[x], high[x] = np.inf, -np.inf
     for i in range(chosen.size):
@@ -519,13 +537,13 @@ def halve(chosen_out, near, corners):
     """Sort triangles so that the first `near` of them lie on one side along the axis in which all
     spread most. Both sides keep their order."""
     count = chosen_out.size
-    middles, mean = np.empty((count, 3)), np.zeros(3)
+    middles, mean = np.empty((count, 3)), scratch_zeros(3)
     for i in range(count):
         for x in range(3):
             t = chosen_out[i]
             middles[i, x] = corners[t, 0, x] + corners[t, 1, x] + corners[t, 2, x]
             mean[x] += middles[i, x] / count
-    spread = np.zeros((3, 3))
+    spread = scratch_zeros((3, 3))
     for i in range(count):
         for x in range(3):
             middles[i, x] -= mean[x]
@@ -573,7 +591,7 @@ def smallest(values, k):
 def widest_axis(spread):
     """An approximate eigenvector (3,) of the largest eigenvalue of a matrix (3, 3). High powers of
     the matrix approach a multiple of the projection onto it."""
-    power, scaled = spread.copy(), np.empty((3, 3))
+    power, scaled = spread.copy(), scratch((3, 3))
     for _ in range(AXIS_SQUARINGS):
         largest = SMALLEST_DIVISOR
         for x in range(3):
@@ -598,16 +616,18 @@ def widest_axis(spread):
 
 def joined(trees: Sequence[PatchTree]) -> PatchTree:
     """Several trees as one, with patches in order and all indices moved accordingly."""
-    moved, count, nodes, leaves = [], 0, 0, 0
+    moved, count, nodes, leaves, triangles = [], 0, 0, 0, 0
     for tree in trees:
-        patches, of_tree = tree.patches.copy(), tree.nodes.copy()
+        patches, of_tree, of_leaves = tree.patches.copy(), tree.nodes.copy(), tree.leaves.copy()
         patches["after"] += count
         patches["first"] += nodes
         patches["end"] += nodes
         of_tree["after"] += nodes
         of_tree["leaf"][of_tree["leaf"] >= 0] += leaves
-        moved.append(PatchTree(patches, of_tree, tree.moments, tree.leaves))
+        of_leaves["first"] += triangles
+        moved.append(PatchTree(patches, of_tree, tree.moments, of_leaves, tree.triangles))
         count += len(tree.patches)
         nodes += len(tree.nodes)
         leaves += len(tree.leaves)
+        triangles += len(tree.triangles)
     return PatchTree(*(np.concatenate(tables) for tables in zip(*moved, strict=True)))
