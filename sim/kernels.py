@@ -284,7 +284,7 @@ def _scratch(is_zero: bool) -> Any:
 
     @typed_intrinsic(prefer_literal=True)
     def scratch_array(typingctx, shape):
-        sizes = shape if isinstance(shape, types.BaseTuple) else (shape,)
+        sizes: Any = shape if isinstance(shape, types.BaseTuple) else (shape,)
         lengths = [size.literal_value for size in sizes]
         kind = types.Array(types.float64, len(lengths), "C")
 

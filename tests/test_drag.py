@@ -8,7 +8,8 @@ from scenes import CUBE, WAVES, model
 
 from independent import DENSITY, GRAVITY, MODELS, ROUND_OFF, load_mesh, random_rotation, three_waves
 from sim import Buoyancy, Drag, DragCoefficients, Hull, Scene, Sea, Wave, simulate
-from sim.resistance.drag import ELEMENTS, WORK, surface_elements
+from sim.resistance.drag import WORK
+from sim.resistance.elements import ELEMENTS, surface_elements
 from sim.resistance.rigid_fit import MEAN_VELOCITY_SHARE, fit_matrix, fit_motion
 from sim.statics.equilibrium import Attitude, RigidFloat
 from sim.water.gerstner import LABELS, set_labels, solve_labels

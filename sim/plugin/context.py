@@ -35,7 +35,8 @@ from sim.plugin.memory import (
     word_at,
 )
 from sim.plugin.response import respond_at, response_block
-from sim.resistance.drag import SURFACE
+from sim.resistance.elements import SURFACE
+from sim.resistance.probes import PROBE
 from sim.resistance.reaction import HULL, hull_row
 
 Array = NDArray[np.float64]
@@ -67,6 +68,7 @@ class Context:
         self.responses = what.responses
         self.has_resistance = any(drags)
         surfaces = [drag.surface for drag in drags if drag] or [np.zeros(1, SURFACE)]
+        probes = [drag.probes for drag in drags if drag] or [np.zeros(0, PROBE)]
         self._parts = parts_of([f.method for f in floats], [f.geom for f in floats])
         self._push = self._push_with_python()
         responding = {response.body for response in self.responses}
@@ -74,6 +76,7 @@ class Context:
         self._block = packed(
             *float_tables, _hull_table(floats), np.concatenate(surfaces),
             sea.components, sea.water, _part_table(self._parts), _picture_table(what),
+            np.concatenate(probes),
         )  # fmt: skip
         self._responses, self._memory_size = np.empty(0, np.uint8), 0
         if self.responses:
@@ -262,7 +265,8 @@ def _hull_table(floats: Sequence[FloatingGeom]) -> Table:
         if f.drag:
             volumes[f.body] = volumes.get(f.body, 0.0) + f.drag.hull.volume
     drags = [(f.drag, volumes[f.body]) for f in floats if f.drag]
-    return np.array([hull_row(i, *drag) for i, drag in enumerate(drags)], HULL)
+    first = np.cumsum([0] + [len(drag.probes) for drag, _ in drags])
+    return np.array([hull_row(i, first[i], *drag) for i, drag in enumerate(drags)], HULL)
 
 
 def _picture_table(what: Floating) -> Table:

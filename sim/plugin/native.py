@@ -35,7 +35,8 @@ from sim.geometry import cross
 from sim.kernels import c_function, c_query, inline, kernel, record, scratch_zeros, table, workspace
 from sim.methods.method import is_known
 from sim.plugin.layout import LAYOUT
-from sim.resistance.drag import SURFACE, Flow, Pose
+from sim.resistance.elements import SURFACE, Pose
+from sim.resistance.probes import PROBE, Flow
 from sim.resistance.reaction import HULL, REACTION, hull_reaction
 from sim.water.gerstner import WATER, WAVE
 
@@ -51,8 +52,8 @@ CONTEXT = record(
 
 bodies, geoms, freedoms, matrix: numbers of bodies, geoms, degrees of freedom and entries of M.
 hulls: number of hulls. own: address of this record. block, block_size: block of the tables FLOAT,
-BODY, DOF, HULL, SURFACE, WAVE, WATER, PART and PICTURE. push, act, resist: functions that compute
-the hulls' wrenches, do a step's work and add resistance (0 if there is none). make_inertia,
+BODY, DOF, HULL, SURFACE, WAVE, WATER, PART, PICTURE and PROBE. push, act, resist: functions that
+compute the hulls' wrenches, do a step's work and add resistance (0 if there is none). make_inertia,
 factor_inertia, release: MuJoCo's functions that make M, factorise M and free memory. homes: number
 of homes that use the context. fields, field_count: FIELD rows. respond: function that adds the
 responses of bodies (0 if there are none; see `response`). responses, responses_size: block of their
@@ -163,7 +164,8 @@ PANEL_CODE = tuple(b"hyd")
 
 
 class Tables(NamedTuple):
-    """Tables of a context's block: FLOAT, BODY, DOF, HULL, SURFACE, WAVE, WATER, PART, PICTURE."""
+    """Tables of a context's block: FLOAT, BODY, DOF, HULL, SURFACE, WAVE, WATER, PART, PICTURE,
+    PROBE."""
 
     floats: NDArray[np.void]
     bodies: NDArray[np.void]
@@ -174,6 +176,7 @@ class Tables(NamedTuple):
     water: NDArray[np.void]
     parts: NDArray[np.void]
     picture: NDArray[np.void]
+    probes: NDArray[np.void]
 
 
 class State(NamedTuple):
@@ -212,7 +215,7 @@ def tables_of(context):
     return Tables(
         table(block, 0, FLOAT), table(block, 1, BODY), table(block, 2, DOF), table(block, 3, HULL),
         table(block, 4, SURFACE), table(block, 5, WAVE), table(block, 6, WATER),
-        table(block, 7, PART), table(block, 8, PICTURE),
+        table(block, 7, PART), table(block, 8, PICTURE), table(block, 9, PROBE),
     )  # fmt: skip
 
 
@@ -460,7 +463,9 @@ def react(step, body, pose, number, reaction_out):
     flow = Flow(tables.waves, tables.water, float_at(step.data + layout.time))
     set_motion(step, body, pose, reaction_out)
     hull = tables.hulls[number]
-    fraction = hull_reaction(hull, tables.surfaces, flow, pose, timestep, ahead, reaction_out)
+    fraction = hull_reaction(
+        hull, tables.surfaces, tables.probes, flow, pose, timestep, ahead, reaction_out
+    )
     return fraction * hull.rate
 
 

@@ -30,8 +30,10 @@ from sim.plugin.native import (
     twist_at,
 )
 from sim.resistance.diffraction import ANGLE, SCATTERED, add_diffraction
-from sim.resistance.drag import SURFACE, Drag, Flow, Pose
+from sim.resistance.drag import Drag
+from sim.resistance.elements import SURFACE, Pose
 from sim.resistance.memory import COLUMN, remember
+from sim.resistance.probes import PROBE, Flow
 from sim.resistance.reaction import REACTION, add_added_mass
 from sim.resistance.response import (
     RESPONSE,
@@ -58,7 +60,7 @@ TIME_ROUND_OFF = 1e-6
 
 
 class Responses(NamedTuple):
-    """The tables of the block: RESPONSE, WETTED, SURFACE, COLUMN, SCATTERED, ANGLE."""
+    """The tables of the block: RESPONSE, WETTED, SURFACE, COLUMN, SCATTERED, ANGLE, PROBE."""
 
     bodies: Table
     hulls: Table
@@ -66,13 +68,14 @@ class Responses(NamedTuple):
     columns: Table
     forces: Table
     angles: Table
+    probes: Table
 
 
 def response_block(
     sea: Sea, responses: tuple[Response, ...], floats: tuple[FloatingGeom, ...], bodies: Table
 ) -> tuple[NDArray[np.uint8], int]:
     """The block of the tables, and the number of the memory's numbers. bodies: BODY rows."""
-    rows, wetted, surfaces, columns, forces, angles = ([] for _ in range(6))
+    rows, wetted, surfaces, columns, forces, angles, probes = ([] for _ in range(7))
     state = FIRST_STATE
     for response in responses:
         own = response.coefficients
@@ -80,7 +83,9 @@ def response_block(
         for f in (f for f in floats if f.body == response.body):
             drag = f.drag or Drag(f.method.hull, sea)
             volume = f.displaced * f.method.hull.volume
-            wetted.append((f.geom, len(surfaces), volume, drag.strength[0]))
+            first = len(probes)
+            probes += list(drag.probes)
+            wetted.append((f.geom, len(surfaces), first, len(probes), volume, drag.strength[0]))
             surfaces.append(drag.surface)
         columns += [(a0, a1, column) for a0, a1, *column in own.memory.tolist()]
         forces += list(response.scattering.forces)
@@ -97,6 +102,7 @@ def response_block(
     block = packed(
         np.array(rows, RESPONSE), np.array(wetted, WETTED), np.concatenate(surfaces),
         np.array(columns, COLUMN), np.array(forces, SCATTERED), np.array(angles, ANGLE),
+        np.array(probes, PROBE),
     )  # fmt: skip
     return block, state
 
@@ -107,6 +113,7 @@ def responses_of(context):
     return Responses(
         table(block, 0, RESPONSE), table(block, 1, WETTED), table(block, 2, SURFACE),
         table(block, 3, COLUMN), table(block, 4, SCATTERED), table(block, 5, ANGLE),
+        table(block, 6, PROBE),
     )  # fmt: skip
 
 
@@ -156,7 +163,7 @@ def wetness(step, tables, body, response, pose, lift, flow, reaction_out):
         own = Pose(state.places[hull.geom], state.turns[hull.geom])
         set_motion(step, body, own, reaction_out)
         fraction, growth = hull_wetness(
-            hull, tables.surfaces, flow, own, r.velocity[:], is_relative, fit
+            hull, tables.surfaces, tables.probes, flow, own, r.velocity[:], is_relative, fit
         )
         wet += fraction * hull.volume
         rate += growth * hull.volume

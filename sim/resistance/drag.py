@@ -25,57 +25,39 @@ wave damping; Kerner 2015 (Water interaction model for boats in video games) for
 hull's facets.
 """
 
-import heapq
 from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import area_vectors, areas, cross, placed, split_triangles
+from sim.geometry import cross, placed
 from sim.hulls.hull import Hull
-from sim.kernels import inline, kernel, read_only, record, scratch_zeros, summing_kernel, workspace
-from sim.resistance.added_mass import added_mass_matrix, damping_matrix, gripped_axes, wet_reach
-from sim.water.gerstner import (
-    LABELS,
-    decay,
-    level_and_rise,
-    set_labels,
-    solve_labels,
+from sim.kernels import (
+    inline,
+    kernel,
+    read_only,
+    record,
+    scratch,
+    scratch_zeros,
+    summing_kernel,
+    workspace,
 )
+from sim.resistance.added_mass import added_mass_matrix, damping_matrix, gripped_axes, wet_reach
+from sim.resistance.elements import ELEMENTS, ROW, Pose, enclosed_volume, surface_elements
+from sim.resistance.probes import (
+    QUANTITIES,
+    Flow,
+    label_steps,
+    probe_hull,
+    probes_of,
+    spread_velocities,
+)
+from sim.water.gerstner import decay, level_and_rise
 from sim.water.head import depth
-from sim.water.motion import MOTION, VELOCITY, water_motion
-from sim.water.samples import SAFETY, newton_steps
+from sim.water.motion import MOTION
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Table = NDArray[np.void]
-
-ELEMENTS = 128
-"""Number of surface elements of a hull, a multiple of gerstner.LANES. The cost of drag is
-proportional to it."""
-
-MOST_PIECES = 1_000_000
-"""Maximum number of triangles into which faces are split before they are gathered. A few hundred
-suffice."""
-
-LABEL_ERROR = 0.02
-"""Largest error of the labels above the elements, as a share of the hull's length or in radians of
-the waves' phase. The water's velocity is then accurate to about 2 %, and drag coefficients are
-known to 20 %."""
-
-ROW = ("f8", ELEMENTS)
-
-SURFACE = record(
-    x=ROW, y=ROW, z=ROW, normal_x=ROW, normal_y=ROW, normal_z=ROW, area=ROW, radius=ROW, flat=ROW
-)  # fmt: skip
-"""The elements of a hull in its frame.
-
-x, y, z: points [m]; normal_x, normal_y, normal_z: unit normals; area [m^2]; radius [m]: of discs
-with these areas; flat [m^2]: lengths of the elements' area vectors; the vectors add up to
-zero. If there are fewer elements, the last rows have no area.
-"""
 
 STRENGTH = record(
     linear="f8", form="f8", friction="f8", fade="f8", area="f8", volume=("f8", 9),
@@ -103,21 +85,6 @@ force_x, force_y, force_z [N]; and the terms of the derivatives of the forces,
 
     - dF/du = across n n^T + along t t^T + rub 1,    t the tangential velocity, `skin`.
 """
-
-
-class Flow(NamedTuple):
-    """The water at an instant, as kernels take it: WAVE rows, WATER, time [s]."""
-
-    waves: Table
-    water: Table
-    time: float
-
-
-class Pose(NamedTuple):
-    """A hull's frame in the world: position (3,) [m], rotation (9,), hull -> world."""
-
-    position: Array
-    rotation: Array
 
 
 @dataclass(frozen=True)
@@ -152,9 +119,9 @@ class Drag:
     motions `frame` (6, 6) takes those of the hull's. follows: whether the added mass moves with the
     centroid of the wet part. Raises ValueError for invalid numbers.
 
-    surface, strength: the hull's SURFACE and STRENGTH; has_surface_drag: whether any coefficient of
-    the elements' drag is above 0; grip (3, 3): see `gripped_axes`, 0 without `follows`; reach (3,
-    3) [m]: see `wet_reach`.
+    surface, strength, probes: the hull's SURFACE, STRENGTH and PROBE rows; has_surface_drag:
+    whether any coefficient of the elements' drag is above 0; grip (3, 3): see `gripped_axes`, 0
+    without `follows`; reach (3, 3) [m]: see `wet_reach`.
     """
 
     def __init__(
@@ -190,6 +157,7 @@ class Drag:
         fade, area = 2.0 / np.cbrt(hull.volume), self.surface["area"].sum()
         row = (*pressures, fade, area, enclosed_volume(self.surface).ravel(), residual, steps)
         self.strength = read_only(np.array([row], STRENGTH))
+        self.probes = probes_of(self.surface, self.strength, sea)
 
     def wrench(
         self, position: ArrayLike, rotation: ArrayLike, velocity: ArrayLike, time: float
@@ -207,99 +175,10 @@ class Drag:
         if self.has_surface_drag:
             sea = self.sea
             flow = Flow(sea.components, sea.water, float(time))
-            write_drag(self.surface, self.strength, flow, position, rotation, velocity, drag)
+            write_drag(
+                self.surface, self.strength, self.probes, flow, position, rotation, velocity, drag
+            )
         return turn @ drag
-
-
-def surface_elements(hull: Hull, count: int = ELEMENTS) -> Table:
-    """Gather the hull's surface into `count` flat elements, a SURFACE.
-
-    Faces larger than half an element are split. Then the largest group of faces is halved across
-    its widest direction until there are enough groups. For this, a face has six coordinates: its
-    centre over the hull's radius, and its normal.
-    """
-    limit = areas(hull.vertices[hull.faces]).sum() / (2.0 * count)
-    corners = split_triangles(
-        hull.vertices[hull.faces], lambda c: areas(c) > limit, most=MOST_PIECES
-    )
-    vectors = area_vectors(corners)
-    sizes = np.linalg.norm(vectors, axis=1)
-    centres = corners.sum(axis=1) / 3.0
-    radius = 0.5 * np.linalg.norm(hull.bounds[1] - hull.bounds[0])
-    normals = vectors / np.maximum(sizes, np.finfo(float).tiny)[:, None]
-    places = np.hstack([centres / radius, normals])
-    groups = [(-sizes.sum(), 0, np.arange(len(sizes)))]
-    serial = 1
-    while len(groups) < count and len(groups[0][2]) > 1:
-        _, _, group = heapq.heappop(groups)
-        for half in _halves(group, places, sizes):
-            heapq.heappush(groups, (-sizes[half].sum(), serial, half))
-            serial += 1
-    members = [group for _, _, group in sorted(groups, key=lambda g: g[1])]
-    return _surface(members, sizes, centres, vectors)
-
-
-def _surface(members: list[Indices], sizes: Array, centres: Array, vectors: Array) -> Table:
-    """Groups of faces as a SURFACE, with their areas, centroids and mean normals."""
-    surface = np.zeros(1, SURFACE)
-    for i, group in enumerate(members):
-        area, vector = sizes[group].sum(), vectors[group].sum(axis=0)
-        point = sizes[group] @ centres[group] / area
-        normal = vector / max(np.linalg.norm(vector), np.finfo(float).tiny)
-        for axis, place, part in zip("xyz", point, normal, strict=True):
-            surface[axis][0, i], surface[f"normal_{axis}"][0, i] = place, part
-        surface["area"][0, i], surface["radius"][0, i] = area, np.sqrt(area / np.pi)
-        surface["flat"][0, i] = np.linalg.norm(vector)
-    for name in SURFACE.names or ():
-        if name not in ("area", "flat"):
-            surface[name][0, len(members) :] = surface[name][0, 0]
-    return read_only(surface)
-
-
-def enclosed_volume(surface: Table) -> Array:
-    """Matrix (3, 3) [m^3] that a SURFACE encloses: the sum of point times area vector. It is the
-    volume times the identity, apart from the difference between the elements and the shape."""
-    places = np.stack([surface[axis][0] for axis in "xyz"])
-    vectors = np.stack([surface[f"normal_{axis}"][0] for axis in "xyz"]) * surface["flat"][0]
-    matrix = places @ vectors.T
-    return 0.5 * (matrix + matrix.T)
-
-
-def _halves(group: Indices, places: Array, sizes: Array) -> tuple[Indices, Indices]:
-    """Cut a group in two across its widest direction. The cut minimises the spread within the
-    halves, so it follows edges of the surface where there are any."""
-    weights = sizes[group] / sizes[group].sum()
-    spread = places[group] - weights @ places[group]
-    _, directions = np.linalg.eigh((spread * weights[:, None]).T @ spread)
-    along = spread @ directions[:, -1]
-    order = np.argsort(along, kind="stable")
-    weight = np.cumsum(weights[order])[:-1]
-    moment = np.cumsum((weights * along)[order])[:-1]
-    between = moment**2 / np.maximum(weight * (1.0 - weight), np.finfo(float).tiny)
-    cut = int(np.argmax(between)) + 1
-    return group[order[:cut]], group[order[cut:]]
-
-
-def label_steps(sea: Sea, size: float) -> tuple[int, float]:
-    """Number of Newton steps, from the points themselves, that bring the labels of all samples to
-    LABEL_ERROR for a hull of a size [m], and a bound on the residual [m] before the last step. A
-    fixed number of steps for every element makes drag a smooth function of the pose."""
-    waves = sea.components
-    speeds = waves["rate"] * waves["amplitude"]
-    if not speeds.any():
-        return 1, np.inf
-    wavenumber = np.linalg.norm(waves["wavenumber"] * speeds) / np.linalg.norm(speeds)
-    allowed = LABEL_ERROR * min(size, float(1.0 / wavenumber))
-    steps, residual = newton_steps(sea, allowed)
-    return steps, SAFETY * residual
-
-
-@kernel
-def place_elements(surface, pose, work_out):
-    """World positions of the elements."""
-    s, e = surface, work_out[0]
-    for i in range(ELEMENTS):
-        e.x[i], e.y[i], e.z[i] = placed(s.x[i], s.y[i], s.z[i], pose.position, pose.rotation)
 
 
 @summing_kernel
@@ -483,22 +362,21 @@ def add_damping(surface, strength, work, factor, damping_out):
 
 
 @kernel
-def solve_elements(surface, strength, flow, work, labels_out):
-    """Compute the height of the water above each element and its LABELS, then the depth and wet
-    area of each element. Returns the sum of the wet areas."""
-    e, guess, residual, steps = work[0], workspace(LABELS), strength.residual, strength.steps
-    x, y, heights = e.x[:], e.y[:], e.height[:]
-    set_labels(x, y, guess)
-    solve_labels(x, y, guess, flow.waves, flow.time, residual, steps, heights, labels_out)
-    level, _ = level_and_rise(flow.water[0], flow.time)
-    return wet_areas(surface, level, work)
+def place_elements(surface, pose, work_out):
+    """World positions of the elements."""
+    s, e = surface, work_out[0]
+    for i in range(ELEMENTS):
+        e.x[i], e.y[i], e.z[i] = placed(s.x[i], s.y[i], s.z[i], pose.position, pose.rotation)
 
 
 @kernel
-def element_motion(order, flow, work, labels, motion_out):
-    """The MOTION of the water, of an order, at the elements; from elements that are solved."""
-    depths = work[0].depth[:]
-    water_motion(order, depths, flow.waves, flow.water, flow.time, labels, motion_out)
+def wet_elements(surface, probes, probed, level, pose, work, motion):
+    """Compute the positions, depths and wet areas of the elements, and the water's velocities
+    there, a MOTION, from the water at the probes and the still level [m]. Return the sum of the wet
+    areas."""
+    place_elements(surface, pose, work)
+    spread_velocities(probed, probes, work[0].height[:], motion)
+    return wet_areas(surface, level, work)
 
 
 @kernel
@@ -512,13 +390,13 @@ def add_hull_drag(surface, strength, factor, work, wrench_out, damping_out):
 
 
 @kernel
-def write_drag(surface, strength, flow, position, rotation, velocity, wrench_out):
+def write_drag(surface, strength, probes, flow, position, rotation, velocity, wrench_out):
     """Compute the drag (6,) of one hull, in the axes of its frame."""
     pose, damping = Pose(position, rotation), scratch_zeros((6, 6))
-    work, labels, motion = workspace(WORK), workspace(LABELS), workspace(MOTION)
+    work, motion, probed = workspace(WORK), workspace(MOTION), scratch((QUANTITIES, ELEMENTS))
     wrench_out[:] = 0.0
-    place_elements(surface[0], pose, work)
-    if solve_elements(surface[0], strength[0], flow, work, labels) > 0.0:
-        element_motion(VELOCITY, flow, work, labels, motion)
+    probe_hull(surface[0], strength[0], probes, flow, pose, False, probed)
+    level, _ = level_and_rise(flow.water[0], flow.time)
+    if wet_elements(surface[0], probes, probed, level, pose, work, motion) > 0.0:
         relative_velocities(surface[0], rotation, velocity, motion, work)
         add_hull_drag(surface[0], strength[0], 1.0, work, wrench_out, damping)

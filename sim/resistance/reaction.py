@@ -43,32 +43,34 @@ from sim.resistance.drag import (
     WORK,
     Drag,
     add_hull_drag,
-    element_motion,
-    place_elements,
     relative_velocities,
-    solve_elements,
     submerged_fraction,
     submersion_rate,
+    wet_elements,
 )
+from sim.resistance.elements import ELEMENTS
+from sim.resistance.probes import QUANTITIES, probe_hull, spread_accelerations
 from sim.resistance.rigid_fit import fit_matrix, fit_motion
-from sim.water.gerstner import LABELS
-from sim.water.motion import ACCELERATION, MOTION, VELOCITY
+from sim.water.gerstner import level_and_rise
+from sim.water.motion import MOTION
 
 LEAST_CARRIED = 0.25
 """Least share of the submerged fraction that stays in the matrix while a hull leaves the water
 quickly."""
 
 HULL = record(
-    surface="i8", has_drag="i8", has_added_mass="i8", has_damping="i8", has_quadratic="i8",
-    follows="i8", strength=STRENGTH, rate="f8", added_mass=("f8", (6, 6)),
+    surface="i8", first_probe="i8", end_probe="i8", has_drag="i8", has_added_mass="i8",
+    has_damping="i8", has_quadratic="i8", follows="i8", strength=STRENGTH, rate="f8",
+    added_mass=("f8", (6, 6)),
     damping=("f8", (6, 6)), quadratic=("f8", (6, 6)), frame=("f8", (6, 6)), grip=("f8", (3, 3)),
     reach=("f8", (3, 3)),
 )  # fmt: skip
 """A hull with drag, added mass or damping.
 
-surface: row of its elements; follows: whether its added mass moves with its wet part, see `grip`
-and `reach` of a Drag; rate [1/s]: at which it takes angular momentum from its body; quadratic:
-damping in a frame to whose motions `frame` takes those of the hull's.
+surface: row of its elements; first_probe, end_probe: its PROBE rows; follows: whether its added
+mass moves with its wet part, see `grip` and `reach` of a Drag; rate [1/s]: at which it takes
+angular momentum from its body; quadratic: damping in a frame to whose motions `frame` takes those
+of the hull's.
 """
 
 REACTION = record(
@@ -84,12 +86,13 @@ of the water.
 """
 
 
-def hull_row(surface: int, drag: Drag, volume: float) -> tuple[object, ...]:
-    """A Drag as a HULL. surface: row of its elements; volume [m^3]: of all its body's hulls with
-    drag, which share the decay of angular momentum."""
+def hull_row(surface: int, probe: int, drag: Drag, volume: float) -> tuple[object, ...]:
+    """A Drag as a HULL. surface: row of its elements; probe: its first PROBE row; volume [m^3]: of
+    all its body's hulls with drag, which share the decay of angular momentum."""
     matrices = drag.added_mass, drag.damping, drag.damping_quadratic
     return (
-        surface, drag.has_surface_drag, *(matrix is not None for matrix in matrices),
+        surface, probe, probe + len(drag.probes), drag.has_surface_drag,
+        *(matrix is not None for matrix in matrices),
         drag.grip.any(), drag.strength[0], drag.coefficients.angular * drag.hull.volume / volume,
         *(np.zeros((6, 6)) if matrix is None else matrix for matrix in matrices), drag.frame,
         drag.grip, drag.reach,
@@ -252,18 +255,30 @@ def add_quadratic_damping(fraction, factor, hull, reaction_out):
 
 
 @kernel
-def hull_reaction(hull, surfaces, flow, pose, factor, ahead, reaction_out):
+def hull_reaction(hull, surfaces, probes, flow, pose, factor, ahead, reaction_out):
+    """Compute a hull's reaction in a flow. See `reaction_in`."""
+    surface, own = surfaces[hull.surface], probes[hull.first_probe : hull.end_probe]
+    probed = scratch((QUANTITIES, ELEMENTS))
+    probe_hull(surface, hull.strength, own, flow, pose, hull.has_added_mass != 0, probed)
+    level, _ = level_and_rise(flow.water[0], flow.time)
+    return reaction_in(probed, own, level, hull, surface, pose, factor, ahead, reaction_out)
+
+
+@kernel
+def reaction_in(probed, probes, level, hull, surface, pose, factor, ahead, reaction_out):
     """Compute a hull's reaction, without the decay of angular momentum, for the motion given in the
-    REACTION. Everything is in the hull's axes about its origin. factor: multiplies the damping in
-    the matrix; ahead: see `add_added_mass`. Return the submerged fraction."""
-    r, surface, strength = reaction_out[0], surfaces[hull.surface], hull.strength
+    REACTION. Everything is in the hull's axes about its origin.
+
+    probed (QUANTITIES, ELEMENTS): the water at its PROBE rows; level: the still level [m]; factor:
+    multiplies the damping in the matrix; ahead: see `add_added_mass`. Return the submerged
+    fraction.
+    """
+    r, strength = reaction_out[0], hull.strength
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
-    work, labels, motion = workspace(WORK), workspace(LABELS), workspace(MOTION)
-    place_elements(surface, pose, work)
-    area = solve_elements(surface, strength, flow, work, labels)
+    work, motion = workspace(WORK), workspace(MOTION)
+    area = wet_elements(surface, probes, probed, level, pose, work, motion)
     if area == 0.0:
         return 0.0
-    element_motion(VELOCITY, flow, work, labels, motion)
     relative_velocities(surface, pose.rotation, r.velocity, motion, work)
     fraction, growth = 1.0, 0.0
     if area < (1.0 - 1e-12) * strength.area:
@@ -278,7 +293,7 @@ def hull_reaction(hull, surfaces, flow, pose, factor, ahead, reaction_out):
         fit_matrix(surface, work, lower)
         fit_motion(surface, pose.rotation, work, lower, motion, r.water)
         if hull.has_added_mass:
-            element_motion(ACCELERATION, flow, work, labels, motion)
+            spread_accelerations(probed, probes, motion)
             fit_motion(surface, pose.rotation, work, lower, motion, r.pull)
             if hull.follows and fraction < 1.0:
                 add_wet_added_mass(fraction, growth, ahead, hull, pose.rotation, reaction_out)

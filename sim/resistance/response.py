@@ -26,17 +26,17 @@ from sim.resistance.diffraction import Scattering
 from sim.resistance.drag import (
     STRENGTH,
     WORK,
-    element_motion,
-    place_elements,
     relative_velocities,
-    solve_elements,
     submerged_fraction,
     submersion_rate,
+    wet_elements,
 )
+from sim.resistance.elements import ELEMENTS
 from sim.resistance.hydrodynamics import Hydrodynamics
+from sim.resistance.probes import QUANTITIES, probe_hull
 from sim.resistance.rigid_fit import fit_matrix, fit_motion
-from sim.water.gerstner import LABELS
-from sim.water.motion import MOTION, VELOCITY
+from sim.water.gerstner import level_and_rise
+from sim.water.motion import MOTION
 
 Array = NDArray[np.float64]
 
@@ -62,9 +62,11 @@ state: index of its first number in the plugin's memory. is_relative: whether it
 relative to the water. position [m], rotation: the rest frame in the body's frame. volume [m^3]:
 submerged at rest, divided by WETNESS. lift [N]: above which the whole response acts."""
 
-WETTED = record(geom="i8", surface="i8", volume="f8", strength=STRENGTH)
-"""A hull of a body with a response: its geom, row of its elements, and the volume [m^3] that it
-displaces."""
+WETTED = record(
+    geom="i8", surface="i8", first_probe="i8", end_probe="i8", volume="f8", strength=STRENGTH
+)  # fmt: skip
+"""A hull of a body with a response: its geom, row of its elements, its PROBE rows, and the volume
+[m^3] that it displaces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,23 +88,24 @@ class Response:
 
 
 @kernel
-def hull_wetness(hull, surfaces, flow, pose, velocity, with_water, fit_out):
+def hull_wetness(hull, surfaces, probes, flow, pose, velocity, with_water, fit_out):
     """The submerged share of a WETTED hull, and its rate [1/s].
 
     velocity: (6,), of the hull in its own axes. If with_water, write the rigid motion (6,) of the
     water around it, in its axes (see `rigid_fit`).
     """
     surface, strength = surfaces[hull.surface], hull.strength
-    work, labels, motion = workspace(WORK), workspace(LABELS), workspace(MOTION)
+    own, probed = probes[hull.first_probe : hull.end_probe], scratch((QUANTITIES, ELEMENTS))
+    work, motion = workspace(WORK), workspace(MOTION)
     fit_out[:] = 0.0
-    place_elements(surface, pose, work)
-    area = solve_elements(surface, strength, flow, work, labels)
+    probe_hull(surface, strength, own, flow, pose, False, probed)
+    level, _ = level_and_rise(flow.water[0], flow.time)
+    area = wet_elements(surface, own, probed, level, pose, work, motion)
     if area == 0.0:
         return 0.0, 0.0
     is_whole = area >= (1.0 - 1e-12) * strength.area
     if is_whole and not with_water:
         return 1.0, 0.0
-    element_motion(VELOCITY, flow, work, labels, motion)
     if with_water:
         lower = scratch((6, 6))
         fit_matrix(surface, work, lower)

@@ -18,7 +18,8 @@ small bodies.
 import numpy as np
 
 from sim.kernels import kernel, summing_kernel
-from sim.resistance.drag import ELEMENTS, add_squares
+from sim.resistance.drag import add_squares
+from sim.resistance.elements import ELEMENTS
 
 MEAN_VELOCITY_SHARE = 1e-3
 """Weight of the water's mean velocity in the fit, as a share of the weight of the wet surface."""

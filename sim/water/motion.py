@@ -15,6 +15,9 @@ and in water of depth H
 
     omega k a^2 cosh(2 k (H - d)) / (2 sinh^2(k H)).
 
+Above the surface, where interpolation needs a motion, it is reflected: that at the surface, plus
+what it loses from there to the same distance below. So it is smooth at the surface, and bounded.
+
 Source: Stokes 1847; Phillips 1977, 3.3, for finite depth.
 """
 
@@ -41,6 +44,13 @@ def add_swing(v, i, dx, dy, along, up, s, c):
 
 
 @inline
+def reflected(at_surface, below, depth):
+    """A value that decays with depth, at a depth [m] that may be negative. below: at its
+    magnitude."""
+    return below if depth >= 0.0 else 2.0 * at_surface - below
+
+
+@inline
 def drift_decay(phase, bed):
     """cosh(2 k (H - d)) / (2 sinh^2(k H)) at a depth d in water of depth H, from phase = k d >= 0
     and bed = 2 k H; e^(-2 k d) on deep water, where bed is 0."""
@@ -59,7 +69,7 @@ def add_drift(depths, wave, time, motion_out):
     speed = wave.rate * k * amplitude * amplitude
     x, y = speed * wave.direction_x, speed * wave.direction_y
     for i in range(depths.size):
-        share = drift_decay(k * depths[i], wave.bed)
+        share = drift_decay(k * max(depths[i], 0.0), wave.bed)
         v.x[i] += x * share
         v.y[i] += y * share
 
@@ -67,6 +77,7 @@ def add_drift(depths, wave, time, motion_out):
 @kernel
 def water_motion(order, depths, waves, water, time, labels, motion_out):
     """Velocities or accelerations of the water at the depths (N,) [m] below the first N LABELS.
+    Depths may be negative.
 
     An acceleration is - omega times the velocity a quarter of a turn later. The growth of the waves
     is neglected: it takes many periods. A velocity includes the Stokes drift of a sea that has it.
@@ -89,13 +100,16 @@ def water_motion(order, depths, waves, water, time, labels, motion_out):
         if wave.bed == 0.0:
             for i in range(count):
                 s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
-                swing = speed * decay(k * depths[i])
+                below = decay(k * abs(depths[i]))
+                swing = speed * reflected(1.0, below, depths[i])
                 add_swing(v, i, dx, dy, swing, swing, s, c)
         else:
             speed *= wave.stretch
             for i in range(count):
                 s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
-                along, up = bed_decays(k * depths[i], wave.bed, wave.tanh)
-                add_swing(v, i, dx, dy, speed * along, speed * up, s, c)
+                along, up = bed_decays(k * abs(depths[i]), wave.bed, wave.tanh)
+                along = speed * reflected(1.0, along, depths[i])
+                up = speed * reflected(wave.tanh, up, depths[i])
+                add_swing(v, i, dx, dy, along, up, s, c)
         if order == VELOCITY and water[0].drifts:
             add_drift(depths, wave, time, motion_out)

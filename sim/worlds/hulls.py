@@ -12,7 +12,7 @@ from sim.methods import Linear, Patches
 from sim.methods.linear import surface_tables
 from sim.methods.patches.tree import PatchTree, joined
 from sim.mjcf.floats import FloatingGeom, moving_dofs
-from sim.resistance.drag import ELEMENTS, SURFACE
+from sim.resistance.elements import ELEMENTS
 from sim.resistance.reaction import HULL, hull_row
 from sim.worlds.programs import single
 
@@ -136,10 +136,12 @@ class ReactionTables:
     """The hulls with drag, added mass or damping.
 
     rows: hull, geom, body and root of each; first_dof, dofs: the degrees of freedom that move it.
+    probes: records with the shares of the elements of one thread each, (lanes,) for every probe.
     """
 
     hulls: Table
     surfaces: Table
+    probes: Table
     rows: Integers
     first_dof: Integers
     dofs: Integers
@@ -157,29 +159,36 @@ def reaction_tables(
     for f in floats:
         if f.drag:
             volumes[f.body] = volumes.get(f.body, 0.0) + f.drag.hull.volume
-    table, surfaces, of_hulls, first, dofs = [], [], [], [0], []
+    table, surfaces, probes, of_hulls, first, dofs, count = [], [], [], [], [0], [], 0
     for i, n in numbers.items():
         f, drag = floats[i], floats[i].drag
         assert drag is not None
-        table.append(hull_row(n, drag, volumes[f.body]))
-        surfaces.append(shared_surface(drag.surface, lanes))
+        table.append(hull_row(n, count, drag, volumes[f.body]))
+        surfaces.append(shared(drag.surface, lanes))
+        probes.append(shared(drag.probes, lanes))
+        count += len(drag.probes)
         of_hulls.append((i, f.geom, f.body, model.body_rootid[f.body]))
         dofs += moving_dofs(model, f.body)
         first.append(len(dofs))
     return ReactionTables(
-        single(np.array(table, HULL)), np.concatenate(surfaces), rows(of_hulls, 4),
+        single(np.array(table, HULL)), np.concatenate(surfaces),
+        np.concatenate([*probes, np.zeros(1, probes[0].dtype)]), rows(of_hulls, 4),
         np.array(first, np.int32), np.array(dofs or [0], np.int32), numbers,
     )  # fmt: skip
 
 
-def shared_surface(surface: Table, lanes: int) -> Table:
-    """A SURFACE as (lanes,) records with the elements of one thread each."""
+def shared(table: Table, lanes: int) -> Table:
+    """SURFACE or PROBE rows, each as (lanes,) records with the elements of one thread each."""
     share = ELEMENTS // lanes
-    kind = [(name, "f4", (share,)) for name in SURFACE.names or ()]
-    found = np.zeros(lanes, np.dtype(kind, align=True))
-    for name in SURFACE.names or ():
-        found[name] = surface[name][0].reshape(lanes, share)
-    return found
+    kinds = {name: table.dtype[name] for name in table.dtype.names or ()}
+    kind = [
+        (name, "f4", (share,)) if each.subdtype else (name, "i4") for name, each in kinds.items()
+    ]
+    found = np.zeros((len(table), lanes), np.dtype(kind, align=True))
+    for name, each in kinds.items():
+        rows_of = table[name].reshape(len(table), lanes, share) if each.subdtype else None
+        found[name] = table[name][:, None] if rows_of is None else rows_of
+    return found.ravel()
 
 
 @dataclass

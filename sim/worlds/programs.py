@@ -19,7 +19,8 @@ from sim.methods.linear import FACE, SHAPE, VERTEX
 from sim.methods.patches.patches import SOLVE
 from sim.methods.patches.polynomial import MONOMIALS, POLYNOMIAL, SIX_SUMS, SUMS
 from sim.methods.patches.tree import LEAF, MOMENTS, NODE, PATCH, TRIANGLE
-from sim.resistance.drag import ELEMENTS, SURFACE
+from sim.resistance.elements import ELEMENTS, SURFACE
+from sim.resistance.probes import PROBE, QUANTITIES
 from sim.resistance.reaction import HULL, REACTION
 from sim.water.gerstner import CHUNK, ROUND_OFF, WATER, WAVE
 from sim.worlds import threads
@@ -94,6 +95,7 @@ class Source:
                 WAVE=WAVE, WATER=WATER, PATCH=PATCH, NODE=NODE, MOMENTS=MOMENTS, LEAF=LEAF,
                 POLYNOMIAL=POLYNOMIAL, SOLVE=SOLVE, VERTEX=VERTEX, FACE=FACE, SHAPE=SHAPE,
                 HULL=HULL, SURFACE=SURFACE, REACTION=REACTION, TRIANGLE=TRIANGLE,
+                PROBE=PROBE,
             ).items()
         }  # fmt: skip
         self.waves = Opaque("Waves", self.records["WAVE"])
@@ -601,17 +603,38 @@ def _add_linear(kernels: SimpleNamespace, kernel: Any) -> None:
 def _add_reaction(kernels: SimpleNamespace, kernel: Any) -> None:
     lanes = kernels.lanes
     source = Source(flavour(lanes))
-    records = source.records
-    surfaces = source.translator.ctype(View(records["SURFACE"]))
+    records, share = source.records, ELEMENTS // lanes
+    probes = source.translator.ctype(View(records["PROBE"]))
     snippet = source.text(
         f"""
         $Waves at = {{($WAVE*)waves.data + sea * count,
                      turns.data + (hull * count) * worlds + world, count, worlds, level[2]}};
-        Code::{surfaces} elements = {{($SURFACE*)surfaces.data + lane, 1 << 20, {lanes}}};
+        $HULL& own = (($HULL*)hulls.data)[row];
+        $SURFACE* surface = ($SURFACE*)surfaces.data + own.surface * {lanes};
+        $PROBE* chosen = ($PROBE*)probes.data + own.first_probe * {lanes};
+        int probe_count = own.end_probe - own.first_probe;
+        #if defined(__CUDA_ARCH__)
+        __shared__ float probed[{QUANTITIES * ELEMENTS}];
+        #else
+        float probed[{QUANTITIES * ELEMENTS}];
+        #endif
+        for (int n = lane; n < (probe_count ? probe_count : {ELEMENTS}); n += {lanes}) {{
+          int element = probe_count ? chosen[n * {lanes}].element : n;
+          $SURFACE& near = surface[element / {share}];
+          int k = element % {share};
+          float place[3] = {{near.x[k], near.y[k], near.z[k]}}, water[{QUANTITIES}];
+          $probe(place, own, at, (($WATER*)waters.data)[sea], level[0], level[1],
+              &rotation.data[0][0], probe_count > 0, water);
+          for (int q = 0; q < {QUANTITIES}; q++) probed[q * {ELEMENTS} + n] = water[q];
+        }}
+        #if defined(__CUDA_ARCH__)
+        __syncthreads();
+        #endif
+        Code::{probes} shares = {{chosen + lane, probe_count, {lanes}}};
         $REACTION reaction;
-        float decay = $resist((($HULL*)hulls.data)[row], elements, at, (($WATER*)waters.data)[sea],
-            level[0], level[1], &rotation.data[0][0], &arm.c[0], &velocity.c[0], &bias.c[0],
-            timestep, reaction);
+        float decay = $resist(own, surface[lane], shares,
+            probed + (probe_count ? 0 : lane * {share}), level[0], &rotation.data[0][0],
+            &arm.c[0], &velocity.c[0], &bias.c[0], timestep, reaction);
         if (lane == 0) {{
           float* to = out.data + (row * {REACTION_ROWS}) * worlds + world;
           for (int k = 0; k < 6; k++) to[k * worlds] = reaction.drag[k] + reaction.inertia[k];
@@ -621,9 +644,13 @@ def _add_reaction(kernels: SimpleNamespace, kernel: Any) -> None:
           to[k * worlds] = decay;
         }}
         """,
+        probe=(
+            threads.probe, REAL3, records["HULL"], source.waves, records["WATER"], "real", "real",
+            REAL9, "bool", Fixed("real", (QUANTITIES, 1)),
+        ),
         resist=(
-            threads.resist, records["HULL"], View(records["SURFACE"]), source.waves,
-            records["WATER"], "real", "real", REAL9, REAL3, REAL6, REAL6, "real",
+            threads.resist, records["HULL"], records["SURFACE"], View(records["PROBE"]),
+            Fixed("real", (QUANTITIES, ELEMENTS)), "real", REAL9, REAL3, REAL6, REAL6, "real",
             records["REACTION"],
         ),
     )  # fmt: skip
@@ -642,6 +669,7 @@ def _add_reaction(kernels: SimpleNamespace, kernel: Any) -> None:
         turns: wp.array2d[float],
         hulls: wp.array[wp.uint8],
         surfaces: wp.array[wp.uint8],
+        probes: wp.array[wp.uint8],
         level: wp.vec3,
         rotation: wp.mat33,
         arm: wp.vec3,
@@ -672,6 +700,7 @@ def _add_reaction(kernels: SimpleNamespace, kernel: Any) -> None:
         lifts: wp.array2d[float],
         hulls: wp.array[wp.uint8],
         surfaces: wp.array[wp.uint8],
+        probes: wp.array[wp.uint8],
         out: wp.array2d[float],
     ):
         block, lane = wp.tid()
@@ -688,7 +717,7 @@ def _add_reaction(kernels: SimpleNamespace, kernel: Any) -> None:
             bias += cdof_dot[world, dofs[d]] * qvel[world, dofs[d]]
         run_reaction(
             row, hull, world, worlds, lane, world % seas, count, waves, waters, turns, hulls,
-            surfaces, levels[hull, world], geom_xmat[world, geom],
+            surfaces, probes, levels[hull, world], geom_xmat[world, geom],
             origins[hull, world] - subtree_com[world, root], cvel[world, body], bias,
             timestep[world % timestep.shape[0]], out,
         )  # fmt: skip

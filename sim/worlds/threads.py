@@ -26,8 +26,9 @@ from sim.methods.patches.patches import (
 )
 from sim.methods.patches.polynomial import decayed_polynomials, head_and_slope, head_polynomials
 from sim.plugin.native import twist_at
-from sim.resistance.drag import Flow, Pose
-from sim.resistance.reaction import hull_reaction
+from sim.resistance.elements import Pose
+from sim.resistance.probes import Flow, probe_water
+from sim.resistance.reaction import reaction_in
 from sim.water.gerstner import LABELS, ONE, WATER, growth, level_and_rise, set_labels, solve_labels
 from sim.water.head import solve_heads
 from sim.water.head_jets import HEAD_JET, solve_head_jets
@@ -154,19 +155,30 @@ def lift(sums, rotation, scale, wrench_out):
     write_turned(sums, rotation, scale, wrench_out)
 
 
-def resist(
-    hull, surfaces, waves, sea, level, rise, rotation, arm, velocity, bias, timestep, reaction_out
-):
-    """The REACTION of a hull. arm (3,) [m]: from the centre of mass of its tree to its origin;
-    velocity, bias (6,): of its body, angular, then linear, there, in world axes. Return the rate
-    [1/s] at which it loses angular momentum."""
-    water, position, r = np.empty(1, WATER), np.zeros(3), reaction_out[0]
+def probe(place, hull, waves, sea, level, rise, rotation, is_reflected, probed_out):
+    """The water at a place (3,) [m] of a hull: its numbers (QUANTITIES, 1), see `probes`."""
+    water, position = np.empty(1, WATER), np.zeros(3)
+    x, y, z = np.empty(1), np.empty(1), np.empty(1)
     set_water(sea, level, rise, water)
+    x[0], y[0], z[0] = placed(place[0], place[1], place[2], position, rotation)
+    flow, has_added_mass = Flow(waves, water, 0.0), hull.has_added_mass != 0
+    probe_water(x, y, z, hull.strength, flow, is_reflected, has_added_mass, probed_out)
+
+
+def resist(
+    hull, surface, probes, probed, level, rotation, arm, velocity, bias, timestep, reaction_out
+):
+    """The REACTION of a hull, from the water at its probes. arm (3,) [m]: from the centre of mass
+    of its tree to its origin; velocity, bias (6,): of its body, angular, then linear, there, in
+    world axes. Return the rate [1/s] at which it loses angular momentum."""
+    position, r, ahead = np.zeros(3), reaction_out[0], 0.5 * timestep
     twist_at(velocity, arm, rotation, r.velocity[:])
     twist_at(bias, arm, rotation, r.bias[:])
-    flow, pose = Flow(waves, water, 0.0), Pose(position, rotation)
-    ahead = 0.5 * timestep
-    return hull_reaction(hull, surfaces, flow, pose, timestep, ahead, reaction_out) * hull.rate
+    pose = Pose(position, rotation)
+    fraction = reaction_in(
+        probed, probes, level, hull, surface, pose, timestep, ahead, reaction_out
+    )
+    return fraction * hull.rate
 
 
 def add_lift(wrench, arm, load_out):

@@ -141,6 +141,7 @@ class Worlds:
         if self._reaction:
             t = self._reaction
             put["hulls"], put["surfaces"] = as_bytes(t.hulls), as_bytes(t.surfaces)
+            put["probes"] = as_bytes(t.probes)
             put["reaction_rows"] = wp.array(t.rows, dtype=wp.vec4i)
             put["first_dof"], put["hull_dofs"] = (
                 wp.array(each, dtype=int) for each in (t.first_dof, t.dofs)
@@ -269,7 +270,7 @@ class Worlds:
             p["first_dof"], p["hull_dofs"], m.opt.timestep, d.geom_xmat, d.subtree_com, d.cvel,
             d.cdof_dot, d.qvel, self._origins, len(self.seas), self._count, self._seas["waves"],
             self._seas["water"], self._turns, self._levels, self._lifts, p["hulls"], p["surfaces"],
-            self._reactions,
+            p["probes"], self._reactions,
         )  # fmt: skip
 
     def _load(self, m: Any, d: Any) -> None:

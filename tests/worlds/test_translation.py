@@ -15,7 +15,7 @@ from sim.hulls.primitives import box  # noqa: E402
 from sim.methods import linear  # noqa: E402
 from sim.methods.patches import patches, polynomial, tree  # noqa: E402
 from sim.plugin import native  # noqa: E402
-from sim.resistance import drag, reaction  # noqa: E402
+from sim.resistance import drag, elements, probes, reaction  # noqa: E402
 from sim.water import gerstner, head, head_jets, jets  # noqa: E402
 from sim.worlds import programs, threads  # noqa: E402
 from sim.worlds.translate import (  # noqa: E402
@@ -187,16 +187,17 @@ def cases() -> dict[str, Call]:
             hull, sea, drag.DragCoefficients(0.3, 0.8, 0.1, 0.2), added_mass=added @ added.T,
             damping=square @ square.T,
         )  # fmt: skip
-        table = np.array([reaction.hull_row(0, made, hull.volume)], reaction.HULL)
+        table = np.array([reaction.hull_row(0, 0, made, hull.volume)], reaction.HULL)
         state = np.zeros(1, reaction.REACTION)
         state["velocity"], state["bias"] = rng.normal(size=(2, 6))
-        flow = drag.Flow(waves, water, time)
+        flow = probes.Flow(waves, water, time)
         for sunk, at in dict(floating=0.0, under=-3.0).items():
-            pose = drag.Pose(np.array([0.2, -0.1, at]), rotation)
+            pose = elements.Pose(np.array([0.2, -0.1, at]), rotation)
             found[f"reaction {name} {sunk}"] = Call(
                 reaction.hull_reaction,
                 row(table),
                 rows(made.surface),
+                rows(made.probes),
                 flow,
                 pose,
                 0.01,
@@ -339,7 +340,7 @@ def generic(x):
 
 def not_from_zero(surface, sums_out):
     total = 1.0
-    for i in range(drag.ELEMENTS):
+    for i in range(elements.ELEMENTS):
         total += surface.x[i]
     sums_out[0] = total
 
@@ -357,7 +358,7 @@ def test_refuses_what_it_does_not_understand(function, kinds, line):
 
 
 def test_refuses_a_shared_sum_that_does_not_start_at_zero():
-    translator = Translator(Flavour(shared="drag.ELEMENTS"))
-    surface = translator.record(name_of(drag.SURFACE), drag.SURFACE)
+    translator = Translator(Flavour(shared="elements.ELEMENTS"))
+    surface = translator.record(name_of(elements.SURFACE), elements.SURFACE)
     with pytest.raises(TranslationError, match="total of a shared loop does not start at 0"):
         translator.add(not_from_zero, surface, Fixed("real", (6,)))

@@ -73,6 +73,7 @@ from sim.methods.patches.polynomial import (
 )
 from sim.methods.patches.sizes import cut, default_tolerance
 from sim.methods.patches.tree import (
+    CORNER_BITS,
     LEAF,
     LEAF_VERTICES,
     MOMENTS,
@@ -460,27 +461,23 @@ def leaf_heads(c, leaf, heads_out):
 
 
 @inline
-def wet_and_dry(leaf, heads):
-    """The triangles of a leaf with a wet vertex and those with a dry vertex, as bits."""
-    wet, dry = 0, 0
-    for v in range(LEAF_VERTICES):
-        is_wet = heads[v] > 0.0
-        wet |= leaf.fans[v] if is_wet else 0
-        dry |= 0 if is_wet else leaf.fans[v]
-    return wet, dry
-
-
-@inline
 def add_wet_vertices(heads, leaf, sums_out, at):
-    """Add the sum over a leaf's wet vertices to an instance's sums, and return the wet share of the
-    leaf: the sum of the positive heads over the sum of all heads' magnitudes. It is 0 for a dry
-    leaf, 1 for a wet one, and continuous in between."""
+    """Add the sum over a leaf's wet vertices to an instance's sums. Return the wet share of the
+    leaf, and the triangles with a wet vertex and those with a dry vertex, as bits.
+
+    The share is the sum of the positive heads over the sum of all heads' magnitudes. It is 0 for a
+    dry leaf, 1 for a wet one, and continuous in between.
+    """
     b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    wet, total = 0.0, 0.0
-    for v in range(LEAF_VERTICES):
-        positive = max(heads[v], 0.0)
-        wet += positive
-        total += abs(heads[v])
+    share, total, wet, dry = 0.0, 0.0, 0, 0
+    for v in range(LEAF_VERTICES):  # long enough that the compiler takes four vertices at a time
+        head, fan = heads[v], leaf.fans[v]
+        is_wet = head > 0.0
+        positive = head if is_wet else 0.0
+        wet |= fan if is_wet else 0
+        dry |= 0 if is_wet else fan
+        share += positive
+        total += abs(head)
         b0 += positive * leaf.weights[0, v]
         b1 += positive * leaf.weights[1, v]
         b2 += positive * leaf.weights[2, v]
@@ -488,7 +485,7 @@ def add_wet_vertices(heads, leaf, sums_out, at):
         b4 += positive * leaf.weights[4, v]
         b5 += positive * leaf.weights[5, v]
     add_six(sums_out, at, b0, b1, b2, b3, b4, b5)
-    return wet / total
+    return share / total, wet, dry
 
 
 @inline
@@ -511,10 +508,11 @@ def subtract_dry_parts(crossed, leaf, triangles, heads, sums_out, at):
         t = lowest_bit(crossed)
         crossed &= crossed - 1
         code, row = leaf.triangles[t], triangles[leaf.first + t]
-        odd = odd_corner(code, heads)
-        i, j, k = corner(CORNERS, odd), corner(CORNERS, odd + 1), corner(CORNERS, odd + 2)
+        turn = CORNER_BITS * odd_corner(code, heads)
+        code, order = code >> turn, CORNERS >> turn
+        i, j, k = corner(order, 0), corner(order, 1), corner(order, 2)
         wi, wj, wk = dry_weights(
-            heads[corner(code, i)], heads[corner(code, j)], heads[corner(code, k)]
+            heads[corner(code, 0)], heads[corner(code, 1)], heads[corner(code, 2)]
         )
         for n in range(4):
             sums_out[at, n] -= (wi + wj + wk) * row.area[n]
@@ -533,11 +531,9 @@ def add_opened_leaves(opened, tree, chosen, polynomials, sums_out):
         leaf, i = tree.leaves[opened[n].node], opened[n].chosen
         at, c = chosen[i].instance, polynomials[i].c
         leaf_heads(c, leaf, heads)
-        wet, dry = wet_and_dry(leaf, heads)
-        if wet == 0:
-            continue
-        share = add_wet_vertices(heads, leaf, sums_out, at)
-        add_bends(c, leaf, share, sums_out, at)
+        share, wet, dry = add_wet_vertices(heads, leaf, sums_out, at)
+        if wet != 0:
+            add_bends(c, leaf, share, sums_out, at)
         if wet & dry != 0:
             subtract_dry_parts(wet & dry, leaf, tree.triangles, heads, sums_out, at)
 

@@ -91,8 +91,8 @@ MOMENTS = record(linear=("f8", (6, LINEAR)), bending=("f4", (6, BENDING)))
 LEAF = record(
     x=("f8", LEAF_VERTICES), y=("f8", LEAF_VERTICES), z=("f8", LEAF_VERTICES),
     weights=("f8", (6, LEAF_VERTICES)), bends=("f8", (QUADRATICS, SUMS)),
-    fans=("i4", LEAF_VERTICES), triangles=("i4", LEAF_TRIANGLES), first="i8",
-    middle_x="f8", middle_y="f8", middle_z="f8", fills_lines=("f8", 4),
+    fans=("i8", LEAF_VERTICES), triangles=("i4", LEAF_TRIANGLES), first="i8",
+    middle_x="f8", middle_y="f8", middle_z="f8",
 )  # fmt: skip
 """A leaf.
 
@@ -338,7 +338,7 @@ class _Builder:
         corners, at = slot[corner.reshape(-1, 3)], (which, np.arange(len(order)) - start[which])
         leaves["triangles"][at] = triangle_codes(corners)
         bits = np.int64(1) << at[1]
-        np.bitwise_or.at(leaves["fans"], (which[:, None], corners), bits[:, None].astype(np.int32))
+        np.bitwise_or.at(leaves["fans"], (which[:, None], corners), bits[:, None])
         leaves["first"] = start
         return leaves, moments
 
