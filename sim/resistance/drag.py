@@ -18,7 +18,7 @@ A cheap alternative is a uniform rate [1/s] at which the angular momentum I omeg
 submerged body). Every term opposes u, so drag never does work on the motion relative to the water.
 
 Drag may be strong and bodies light. `reaction` keeps the time integration stable in that case.
-`water.motion` has the motion of the water.
+`elements` gathers the surface, and `probes` has the motion of the water there.
 
 Sources: Morison et al. 1950 and Faltinsen 1990 for the splitting into terms; Newman 1977 for the
 wave damping; Kerner 2015 (Water interaction model for boats in video games) for drag summed over a

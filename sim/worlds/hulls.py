@@ -13,6 +13,7 @@ from sim.methods.linear import surface_tables
 from sim.methods.patches.tree import PatchTree, joined
 from sim.mjcf.floats import FloatingGeom, moving_dofs
 from sim.resistance.elements import ELEMENTS
+from sim.resistance.probes import PROBE
 from sim.resistance.reaction import HULL, hull_row
 from sim.worlds.programs import single
 
@@ -172,7 +173,7 @@ def reaction_tables(
         first.append(len(dofs))
     return ReactionTables(
         single(np.array(table, HULL)), np.concatenate(surfaces),
-        np.concatenate([*probes, np.zeros(1, probes[0].dtype)]), rows(of_hulls, 4),
+        np.concatenate([*probes, shared(np.zeros(1, PROBE), lanes)]), rows(of_hulls, 4),
         np.array(first, np.int32), np.array(dofs or [0], np.int32), numbers,
     )  # fmt: skip
 
