@@ -11,6 +11,8 @@ from sim.methods.method import Settings
 from sim.methods.patches.fit import Level, jet_tolerance, jet_waves
 from sim.methods.patches.patches import SOLVE, solve_table
 from sim.methods.patches.sizes import default_tolerance
+from sim.resistance.drag import Drag
+from sim.resistance.probes import PROBE_ERROR, probe_error, sampled_motions
 from sim.water.gerstner import WATER, WAVE
 from sim.water.sea import ELEVATION_ERROR, Sea
 from sim.worlds.programs import single
@@ -24,8 +26,9 @@ JUDGED_SEAS = 3
 """Number of seas, among those with the steepest waves and those with the shortest, for which hulls
 are cut. The search for a patch's size takes a tenth of a second for each."""
 
-LARGEST_EXCESS = 1.5
-"""Largest error of the head over a patch in a sea that is set later, in tolerances."""
+LARGEST_EXCESS, LARGEST_DRAG_EXCESS = 1.5, 4.0
+"""Largest error in other seas than the model's: of the head over a patch, in tolerances, and of the
+water's motion between a hull's probes, in PROBE_ERRORs."""
 
 
 def wave_rows(tables: Sequence[Table], count: int) -> Table:
@@ -95,4 +98,18 @@ def check_patches(methods: Sequence[Patches], seas: Sequence[Sea]) -> None:
                     f"the patches of a hull follow the waves of a new sea to {error:.2g} m; "
                     f"expected {allowed:.2g} m: give a sea with waves as short and steep to "
                     "on_warp, which cuts the hulls for it"
+                )
+
+
+def check_probes(drags: Sequence[Drag], seas: Sequence[Sea]) -> None:
+    """Raise ValueError for seas in which a few probes do not stand for the water around a hull."""
+    for drag in (each for each in drags if len(each.probes)):
+        for sea in (each for each in judged(seas) if each.waves and each is not drag.sea):
+            motions = sampled_motions(drag.surface, drag.strength, sea, seed=1)
+            error = probe_error(drag.probes, drag.surface, *motions)
+            if error > LARGEST_DRAG_EXCESS * PROBE_ERROR:
+                raise ValueError(
+                    f"the drag of a hull takes the water's velocity in a sea to {error:.2g} of its "
+                    f"size; expected {LARGEST_DRAG_EXCESS * PROBE_ERROR:.2g}: put waves as short "
+                    "into the model, which chooses where drag computes the water for its own sea"
                 )

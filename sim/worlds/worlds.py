@@ -23,7 +23,15 @@ from sim.worlds.programs import (
     single,
 )
 from sim.worlds.refusals import check, check_seas
-from sim.worlds.seas import at_sea, check_patches, cut_for, solve_row, water_rows, wave_rows
+from sim.worlds.seas import (
+    at_sea,
+    check_patches,
+    check_probes,
+    cut_for,
+    solve_row,
+    water_rows,
+    wave_rows,
+)
 
 
 class Worlds:
@@ -95,6 +103,7 @@ class Worlds:
         self._patch = tables.patch_tables(patched, trees, which)
         linear = {i: method for i, method in methods.items() if isinstance(method, Linear)}
         self._linear = tables.linear_tables(linear) if linear else None
+        check_probes([f.drag for f in self.floats if f.drag], self.seas)
         self._reaction = tables.reaction_tables(model, self.floats, lanes)
         numbers = self._reaction.numbers if self._reaction else {}
         self._bodies = tables.body_tables(model, self.floats, numbers)
@@ -189,6 +198,7 @@ class Worlds:
         seas = list(seas)
         check_seas(seas, self._sea, len(self.seas), self._count)
         check_patches(self._patched, seas)
+        check_probes([f.drag for f in self.floats if f.drag], seas)
         self.seas = seas
         for name, table in self._sea_tables().items():
             self._seas[name].assign(np.ascontiguousarray(table).reshape(-1).view(np.uint8))

@@ -9,7 +9,9 @@ wp = pytest.importorskip("warp")
 
 from independent import MODELS  # noqa: E402
 from sim import ModelError, Patches, Scene, Sea, Wave  # noqa: E402
-from sim.worlds.seas import at_sea  # noqa: E402
+from sim.hulls.primitives import box  # noqa: E402
+from sim.resistance.drag import Drag, DragCoefficients  # noqa: E402
+from sim.worlds.seas import at_sea, check_probes  # noqa: E402
 
 PATCHES_ERROR, LINEAR_ERROR = 1e-6, 5e-6
 """Single against double precision, as a share of density * gravity * volume."""
@@ -327,3 +329,11 @@ def test_seas_that_do_not_fit_are_refused():
         water.set_seas([Sea(), Sea([Wave(0.1, 8.0), Wave(0.1, 9.0)])])
     with pytest.raises(ValueError, match="as short and steep"):
         water.set_seas([Sea([Wave(0.06, 0.8)]), Sea()])
+
+
+def test_drag_refuses_a_sea_too_short_for_its_probes():
+    drag = Drag(box(0.15, 0.1, 0.06), Sea([Wave(0.04, 2.0)]), DragCoefficients(0.2, 1.0, 0.0))
+    assert len(drag.probes) > 0
+    check_probes([drag], [Sea([Wave(0.05, 1.9, 30.0)])])
+    with pytest.raises(ValueError, match="takes the water's velocity in a sea to"):
+        check_probes([drag], [Sea([Wave(0.004, 0.2, 30.0)])])
