@@ -11,9 +11,9 @@ Conventions of all kernels:
 - Output arguments come last and end in `_out`. A kernel named `add_...` or `subtract_...` adds to
   the values that it finds there.
 - A workspace is a table with one row, whose fields are arrays. `workspace` and `scratch` make
-  memory on the stack, which lasts until the kernel returns and costs nothing; `np.empty` takes a
-  tenth of a microsecond, and is for sizes that are known only in a call. A row does not keep a
-  table of `np.empty` alive, so only a kernel that receives such a table takes its row.
+  memory on the stack, which lasts until the kernel returns and costs nothing. `np.empty` asks the
+  system for memory, and is for sizes that are known only in a call. A row does not keep a table of
+  `np.empty` alive, so only a kernel that receives such a table takes its row.
 - A kernel is compiled once for each combination of argument types, so callers pass the same types
   everywhere: `row.field[:]` for an array, because a field has its own type, and a NumPy integer for
   a constant, because each Python integer constant has its own type.

@@ -7,13 +7,12 @@ import trimesh
 from sim import Hull, Sea, Wave
 from sim.geometry import random_rotation
 from sim.hulls.primitives import box
-from sim.kernels import read_only
 from sim.resistance.drag import Drag, DragCoefficients
 from sim.resistance.elements import ELEMENTS
 from sim.resistance.probes import (
     LEAST_PROBES,
     MOST_PROBES,
-    PROBE,
+    NO_PROBES,
     PROBE_ERROR,
     probe_error,
     sampled_motions,
@@ -30,7 +29,7 @@ def waves(length: float = 2.0, **settings) -> Sea:
 def at_every_element(drag: Drag) -> Drag:
     """The drag with the water's motion computed at each of its elements."""
     other = Drag(drag.hull, drag.sea, drag.coefficients)
-    other.probes = read_only(np.zeros(0, PROBE))
+    other.probes = NO_PROBES
     return other
 
 

@@ -72,19 +72,19 @@ class Chord(Linear):
 
 @kernel
 def chord_ends(vertices, heads, a, b, c, ends_out):
-    """Fan corner f and the chord's ends (3, 3), in the order that keeps the face's winding."""
-    ends = ends_out
+    """Write the fan corner f and the chord's ends (3, 3), in the order that keeps the face's
+    winding."""
     p, q, r = vertices[a], vertices[b], vertices[c]
     tb, tc = heads[a] / (heads[a] - heads[b]), heads[a] / (heads[a] - heads[c])
     first, last = (1, 2) if heads[a] > 0.0 else (2, 1)
     fan = p if heads[a] > 0.0 else q
-    ends[0, 0], ends[0, 1], ends[0, 2] = fan.x, fan.y, fan.z
-    ends[first, 0] = p.x + tb * (q.x - p.x)
-    ends[first, 1] = p.y + tb * (q.y - p.y)
-    ends[first, 2] = p.z + tb * (q.z - p.z)
-    ends[last, 0] = p.x + tc * (r.x - p.x)
-    ends[last, 1] = p.y + tc * (r.y - p.y)
-    ends[last, 2] = p.z + tc * (r.z - p.z)
+    ends_out[0, 0], ends_out[0, 1], ends_out[0, 2] = fan.x, fan.y, fan.z
+    ends_out[first, 0] = p.x + tb * (q.x - p.x)
+    ends_out[first, 1] = p.y + tb * (q.y - p.y)
+    ends_out[first, 2] = p.z + tb * (q.z - p.z)
+    ends_out[last, 0] = p.x + tc * (r.x - p.x)
+    ends_out[last, 1] = p.y + tc * (r.y - p.y)
+    ends_out[last, 2] = p.z + tc * (r.z - p.z)
 
 
 @kernel

@@ -41,9 +41,9 @@ known to 20 %."""
 
 PROBE_ERROR = 0.02
 """Largest rms error of the interpolated velocity of the water at the wet elements, as a share of
-its rms, and of the water's height there, as a share of an element's diameter. The errors of the
-elements differ in sign, so that of the drag of a hull at rest in the waves is less than half of it.
-A smaller limit takes more probes."""
+its rms, and of the water's height there, as a share of an element's diameter. The drag
+of a hull at rest in the waves is then that from all elements within the same share. A smaller limit
+takes more probes."""
 
 LEAST_PROBES, MOST_PROBES = 16, 32
 """Smallest and largest number of probes of a hull in waves. A full quadratic takes ten; with fewer,
@@ -62,6 +62,10 @@ HEIGHT, VELOCITIES, ACCELERATIONS = 0, 1, 4
 
 PROBE = record(element="i8", share=ROW)
 """A probe: the number of its element, and its shares in the motions at all elements."""
+
+
+NO_PROBES = read_only(np.zeros(0, PROBE))
+"""The probes of a hull that needs the water's motion at every element."""
 
 
 class Flow(NamedTuple):
@@ -108,7 +112,7 @@ def probes_of(surface: Table, strength: Table, sea: Sea) -> Table:
         probes = _probe_rows(chosen, shares / shares.sum(axis=0))
         if probe_error(probes, surface, *judged) <= PROBE_ERROR:
             return probes
-    return read_only(np.zeros(0, PROBE))
+    return NO_PROBES
 
 
 def probe_error(
@@ -138,7 +142,7 @@ def sampled_motions(
         above = float(sea.elevation(x[i], y[i], time)) + up
         position = np.array([x[i], y[i], above]) - rotation @ middle
         pose = Pose(position, np.ascontiguousarray(rotation).ravel())
-        write_reflected(surface, strength, flow, pose, probed)
+        write_reflected(surface, strength, NO_PROBES, flow, pose, probed)
         found.append(probed[:4].copy())
         z = position[2] + points @ rotation[2]
         is_wet.append(probed[HEIGHT] + level - z > -surface["radius"][0])
@@ -233,13 +237,11 @@ def probe_hull(surface, strength, probes, flow, pose, has_acceleration, probed_o
 
 
 @kernel
-def write_reflected(surface, strength, flow, pose, probed_out):
+def write_reflected(surface, strength, probes, flow, pose, probed_out):
     """Compute the reflected QUANTITIES (QUANTITIES, ELEMENTS) of the water at all elements of a
-    hull, to which probes are fitted."""
-    work, every = scratch((3, ELEMENTS)), surface[0]
-    x, y, z = work[0], work[1], work[2]
-    for i in range(ELEMENTS):
-        x[i], y[i], z[i] = placed(every.x[i], every.y[i], every.z[i], pose.position, pose.rotation)
+    hull, to which probes are fitted. probes: no rows."""
+    x, y, z = scratch(ELEMENTS), scratch(ELEMENTS), scratch(ELEMENTS)
+    place_probes(surface[0], probes, pose, x, y, z)
     probe_water(x, y, z, strength[0], flow, True, False, probed_out)
 
 
