@@ -972,3 +972,37 @@ def test_a_cube_at_rest_stays_there_with_drag_and_added_mass(integrator):
     *_, last = simulate(scene, 1.0)
     assert np.abs(last.positions).max() < 1e-13
     assert np.abs(scene.data.qvel).max() < 1e-13
+
+
+@pytest.mark.parametrize("base", ["", '<joint type="slide" axis="1 0 0.5"/>', "<freejoint/>"])
+def test_links_carry_the_added_mass_of_their_tree(base):
+    """M grows by the sum of J^T A J, with MuJoCo's Jacobians, for branches, a body without joints
+    and a body without a hull between others."""
+    box = '<geom name="{}" type="box" size="0.3 0.2 0.1" pos="0.1 0.2 0" euler="{} 30 10"/>'
+    tree = f"""<body name="root" pos="0 0 -9">{base}{box.format("a", 0)}
+      <body pos="1 0 0"><joint type="ball"/><geom size="0.1"/>
+        <body pos="0 0 1"><joint axis="0 1 0"/>{box.format("b", 20)}</body>
+        <body pos="0 1 0"><joint axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+          <geom size="0.1"/><body euler="10 20 30">{box.format("c", 70)}</body></body></body>
+      <body pos="-1 0 0">{box.format("d", 50)}</body></body>"""
+    listed = "".join(
+        f'<element objtype="geom" objname="{name}"/>' for name in ("abcd" if base else "bc")
+    )
+    custom = '<numeric name="added_mass" data="0.2 0.8 0.5 0.1 0.3 0.2"/>'
+    xml = f"""<mujoco><option integrator="RK4"/><custom>{custom}<tuple name="buoyant">{listed}
+      </tuple></custom><worldbody>{tree}</worldbody></mujoco>"""
+    scene = Scene.load(mujoco.MjSpec.from_string(xml))
+    compiled, data, rng = scene.model, scene.data, np.random.default_rng(3)
+    mujoco.mj_integratePos(compiled, data.qpos, rng.normal(size=compiled.nv), 1.0)
+    data.qpos[2 if "free" in base else slice(0)] -= 9.0
+    mujoco.mj_forward(compiled, data)
+    expected, found = np.empty((2, compiled.nv, compiled.nv))
+    mujoco.mj_fullM(compiled, data, found)
+    mujoco.mj_makeM(compiled, data)
+    mujoco.mj_fullM(compiled, data, expected)
+    for f in Buoyancy.of(compiled).floats:
+        jacobian, turn = np.empty((6, compiled.nv)), data.geom_xmat[f.geom].reshape(3, 3)
+        mujoco.mj_jac(compiled, data, jacobian[:3], jacobian[3:], data.geom_xpos[f.geom], f.body)
+        jacobian = np.kron(np.eye(2), turn.T) @ jacobian
+        expected += jacobian.T @ f.drag.added_mass @ jacobian
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())

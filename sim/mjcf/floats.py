@@ -1,6 +1,6 @@
 """Floats: which geoms of a model float, and their names."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -37,6 +37,15 @@ class FloatingGeom:
     def geoms(self) -> tuple[int, ...]:
         """All geoms that the hull is made from."""
         return self.united or (self.geom,)
+
+
+def drags_of(floats: Iterable[FloatingGeom]) -> list[tuple[Drag, float]]:
+    """The drags of floats, each with the volume [m^3] of all hulls with drag of the same body."""
+    volumes: dict[int, float] = {}
+    found = [(f.body, f.drag) for f in floats if f.drag]
+    for body, drag in found:
+        volumes[body] = volumes.get(body, 0.0) + drag.hull.volume
+    return [(drag, volumes[body]) for body, drag in found]
 
 
 class Listed(NamedTuple):

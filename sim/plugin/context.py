@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sim.kernels import address_of, packed
 from sim.methods import METHODS
 from sim.methods.method import Compiled, Part, parts_of
-from sim.mjcf.floats import FloatingGeom, moving_dofs
+from sim.mjcf.floats import FloatingGeom, bodies_above, drags_of
 from sim.mjcf.reading import Floating, stamp_of
 from sim.plugin import native
 from sim.plugin.layout import (
@@ -35,9 +35,7 @@ from sim.plugin.memory import (
     word_at,
 )
 from sim.plugin.response import respond_at, response_block
-from sim.resistance.elements import SURFACE
-from sim.resistance.probes import PROBE
-from sim.resistance.reaction import HULL, hull_row
+from sim.resistance.reaction import hull_tables
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
@@ -64,19 +62,16 @@ class Context:
         self.bodies, self.float_bodies = np.unique(
             [f.body for f in self.floats], return_inverse=True
         )
-        drags = [f.drag for f in floats]
         self.responses = what.responses
-        self.has_resistance = any(drags)
-        surfaces = [drag.surface for drag in drags if drag] or [np.zeros(1, SURFACE)]
-        probes = [drag.probes for drag in drags if drag] or [np.zeros(0, PROBE)]
+        hulls, surfaces, probes = hull_tables(drags_of(floats))
+        self.has_resistance = len(hulls) > 0
         self._parts = parts_of([f.method for f in floats], [f.geom for f in floats])
         self._push = self._push_with_python()
         responding = {response.body for response in self.responses}
         float_tables = _float_tables(model, floats, responding)
         self._block = packed(
-            *float_tables, _hull_table(floats), np.concatenate(surfaces),
-            sea.components, sea.water, _part_table(self._parts), _picture_table(what),
-            np.concatenate(probes),
+            *float_tables, hulls, surfaces, sea.components, sea.water, _part_table(self._parts),
+            _picture_table(what), probes,
         )  # fmt: skip
         self._responses, self._memory_size = np.empty(0, np.uint8), 0
         if self.responses:
@@ -242,31 +237,32 @@ class Contexts:
 def _float_tables(
     model: mujoco.MjModel, floats: Sequence[FloatingGeom], responding: set[int]
 ) -> tuple[Table, Table, Table]:
-    """FLOAT and BODY rows, ordered by body, and DOF rows of bodies with drag or added mass.
-    responding: ids of further bodies that need DOF rows."""
+    """FLOAT and BODY rows, ordered by body, and LINK rows of bodies with drag or added mass.
+    responding: ids of further bodies that need LINK rows."""
     resisted = np.cumsum([f.drag is not None for f in floats]) - 1
     memories = np.cumsum(model.body_weldid != 0) - 1
-    rows, bodies, dofs = [], [], []
+    moved = responding | {f.body for f in floats if f.drag}
+    links, link_of = _link_rows(model, moved)
+    rows, bodies = [], []
     for body in sorted({f.body for f in floats}):
         own = [i for i, f in enumerate(floats) if f.body == body]
-        is_resisted = body in responding or any(floats[i].drag for i in own)
-        chain = moving_dofs(model, body) if is_resisted else []
-        ends = len(rows), len(rows) + len(own), len(dofs), len(dofs) + len(chain)
-        bodies.append((body, model.body_rootid[body], memories[body], *ends))
-        dofs += chain
+        ends = len(rows), len(rows) + len(own)
+        link = link_of.get(int(model.body_weldid[body]), -1)
+        bodies.append((body, model.body_rootid[body], memories[body], *ends, link))
         rows += [(floats[i].geom, i, resisted[i] if floats[i].drag else -1) for i in own]
-    return np.array(rows, native.FLOAT), np.array(bodies, native.BODY), np.array(dofs, native.DOF)
+    return np.array(rows, native.FLOAT), np.array(bodies, native.BODY), links
 
 
-def _hull_table(floats: Sequence[FloatingGeom]) -> Table:
-    """HULL rows of the floats with drag or added mass."""
-    volumes: dict[int, float] = {}
-    for f in floats:
-        if f.drag:
-            volumes[f.body] = volumes.get(f.body, 0.0) + f.drag.hull.volume
-    drags = [(f.drag, volumes[f.body]) for f in floats if f.drag]
-    first = np.cumsum([0] + [len(drag.probes) for drag, _ in drags])
-    return np.array([hull_row(i, first[i], *drag) for i, drag in enumerate(drags)], HULL)
+def _link_rows(model: mujoco.MjModel, bodies: set[int]) -> tuple[Table, dict[int, int]]:
+    """LINK rows of the bodies with joints that move some bodies, and their numbers by id."""
+    numbers, rows = {}, []
+    for body in sorted(bodies_above(model, np.array(sorted(bodies), int))):
+        if model.body_dofnum[body] > 0:
+            first, parent = model.body_dofadr[body], model.body_parentid[body]
+            numbers[body] = len(rows)
+            above = numbers.get(int(model.body_weldid[parent]), -1)
+            rows.append((above, first, first + model.body_dofnum[body]))
+    return np.array(rows, native.LINK), numbers
 
 
 def _picture_table(what: Floating) -> Table:

@@ -17,10 +17,10 @@ from sim.kernels import record
 
 OPTION_FIELDS = ("timestep", "integrator", "disableflags")
 MODEL_FIELDS = (
-    "nbody", "nnumeric", "nplugin", "M_rownnz", "M_rowadr", "body_inertia", "body_weldid",
-    "numeric_size", "plugin", "plugin_stateadr", "nsensor", "sensor_plugin", "sensor_objid",
-    "sensor_adr", "sensor_objtype", "ntextdata", "text_data", "plugin_statenum", "nnames", "names",
-    "nnumericdata", "ntext", "name_numericadr", "name_textadr",
+    "nbody", "nnumeric", "nplugin", "M_rownnz", "M_rowadr", "M_colind", "body_inertia",
+    "body_weldid", "numeric_size", "plugin", "plugin_stateadr", "nsensor", "sensor_plugin",
+    "sensor_objid", "sensor_adr", "sensor_objtype", "ntextdata", "text_data", "plugin_statenum",
+    "nnames", "names", "nnumericdata", "ntext", "name_numericadr", "name_textadr",
 )  # fmt: skip
 DATA_FIELDS = (
     "time", "qvel", "xfrc_applied", "xipos", "ximat", "geom_xpos", "geom_xmat", "subtree_com",

@@ -32,7 +32,7 @@ from sim.addresses import (
     words_at,
 )
 from sim.geometry import cross
-from sim.kernels import c_function, c_query, inline, kernel, record, scratch_zeros, table, workspace
+from sim.kernels import c_function, c_query, inline, kernel, record, scratch, table, workspace
 from sim.methods.method import is_known
 from sim.plugin.layout import LAYOUT
 from sim.resistance.elements import SURFACE, Pose
@@ -52,7 +52,7 @@ CONTEXT = record(
 
 bodies, geoms, freedoms, matrix: numbers of bodies, geoms, degrees of freedom and entries of M.
 hulls: number of hulls. own: address of this record. block, block_size: block of the tables FLOAT,
-BODY, DOF, HULL, SURFACE, WAVE, WATER, PART, PICTURE and PROBE. push, act, resist: functions that
+BODY, LINK, HULL, SURFACE, WAVE, WATER, PART, PICTURE and PROBE. push, act, resist: functions that
 compute the hulls' wrenches, do a step's work and add resistance (0 if there is none). make_inertia,
 factor_inertia, release: MuJoCo's functions that make M, factorise M and free memory. homes: number
 of homes that use the context. fields, field_count: FIELD rows. respond: function that adds the
@@ -102,14 +102,21 @@ FLOAT = record(geom="i8", hull="i8", resisted="i8")
 """A hull: its geom, its row among the wrenches, and its HULL row, -1 if it has no resistance. The
 rows of a body are contiguous."""
 
-BODY = record(
-    body="i8", root="i8", memory="i8", first="i8", end="i8", first_dof="i8", end_dof="i8"
-)  # fmt: skip
+BODY = record(body="i8", root="i8", memory="i8", first="i8", end="i8", link="i8")
 """A body: its id, the id of its tree's root, at whose centre of mass cvel is given, its memory row,
-the range of its FLOAT rows, and the range of its DOF rows: the degrees of freedom that move it, in
-ascending order, if it has resistance."""
+the range of its FLOAT rows, and its LINK row, if it has resistance."""
 
-DOF = record(index="i8")
+LINK = record(parent="i8", first_dof="i8", end_dof="i8")
+"""A body with joints that moves a body with resistance: the LINK row of the next one above it, -1
+for none, and the range of its degrees of freedom. Parents come first."""
+
+CARRIED = record(rate=("f8", 6), inertia=("f8", (6, 6)))
+"""What a step keeps for a LINK, in world axes about the centre of mass of its tree, angular parts
+first.
+
+rate: how joint velocities change its motion, the sum of cdof_dot qvel; inertia: matrix of the
+water's inertia and damping that it carries.
+"""
 
 PICTURE = record(
     length="f8", init_geom="i8", triangle="i8", decoration="i8", most="i8", count="i8", geoms="i8",
@@ -164,12 +171,12 @@ PANEL_CODE = tuple(b"hyd")
 
 
 class Tables(NamedTuple):
-    """Tables of a context's block: FLOAT, BODY, DOF, HULL, SURFACE, WAVE, WATER, PART, PICTURE,
+    """Tables of a context's block: FLOAT, BODY, LINK, HULL, SURFACE, WAVE, WATER, PART, PICTURE,
     PROBE."""
 
     floats: NDArray[np.void]
     bodies: NDArray[np.void]
-    dofs: NDArray[np.void]
+    links: NDArray[np.void]
     hulls: NDArray[np.void]
     surfaces: NDArray[np.void]
     waves: NDArray[np.void]
@@ -190,13 +197,14 @@ class State(NamedTuple):
 
 class Step(NamedTuple):
     """What resistance is computed from: a context, in a table of one row, with its tables, the
-    addresses of model and data, and the state's frames."""
+    addresses of model and data, the state's frames, and CARRIED rows of the links."""
 
     contexts: NDArray[np.void]
     tables: Tables
     model: int
     data: int
     state: State
+    carried: NDArray[np.void]
 
 
 @inline
@@ -213,7 +221,7 @@ def block_at(address, size):
 def tables_of(context):
     block = block_at(context.block, context.block_size)
     return Tables(
-        table(block, 0, FLOAT), table(block, 1, BODY), table(block, 2, DOF), table(block, 3, HULL),
+        table(block, 0, FLOAT), table(block, 1, BODY), table(block, 2, LINK), table(block, 3, HULL),
         table(block, 4, SURFACE), table(block, 5, WAVE), table(block, 6, WATER),
         table(block, 7, PART), table(block, 8, PICTURE), table(block, 9, PROBE),
     )  # fmt: skip
@@ -237,10 +245,12 @@ def model_array(model, offset):
 
 
 @kernel
-def step_of(address, model, data):
+def step_of(address, model, data, carried):
+    """The Step of a call; carried: address of its CARRIED rows."""
     context = context_at(address)
     tables, state = tables_of(context), state_of(context, data)
-    return Step(rows_at(address, 1, CONTEXT), tables, model, data, state)
+    rows = rows_at(carried, tables.links.size, CARRIED)
+    return Step(rows_at(address, 1, CONTEXT), tables, model, data, state, rows)
 
 
 # The content number: a hash of all data that hulls and waves are made from
@@ -435,21 +445,31 @@ def arm_from(point, place):
 
 
 @kernel
+def start_carrying(step):
+    """Set the CARRIED rows of the links: their rates, and no inertia."""
+    context, data, links = step.contexts[0], step.data, step.tables.links
+    n = context.freedoms
+    changes = floats_at(model_array(data, context.layout.cdof_dot), (n, 6))
+    speeds = floats_at(model_array(data, context.layout.qvel), (n,))
+    for k in range(links.size):
+        link, own = links[k], step.carried[k]
+        own.inertia[:] = 0.0
+        for j in range(6):
+            own.rate[j] = step.carried[link.parent].rate[j] if link.parent >= 0 else 0.0
+        for i in range(link.first_dof, link.end_dof):
+            for j in range(6):
+                own.rate[j] += changes[i, j] * speeds[i]
+
+
+@kernel
 def set_motion(step, body, pose, reaction_out):
     """Set the velocity and the bias acceleration of a hull in its REACTION, in the hull's frame."""
-    context, data, dofs, r = step.contexts[0], step.data, step.tables.dofs, reaction_out[0]
-    layout, n = context.layout, context.freedoms
-    changes = floats_at(model_array(data, layout.cdof_dot), (n, 6))
-    speeds = floats_at(model_array(data, layout.qvel), (n,))
-    roots = floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))
-    velocities = floats_at(model_array(data, layout.cvel), (context.bodies, 6))
-    own, arm = scratch_zeros(6), arm_from(roots[body.root], pose.position)
-    for d in range(body.first_dof, body.end_dof):
-        i = dofs[d].index
-        for j in range(6):
-            own[j] += changes[i, j] * speeds[i]
+    context, data, r = step.contexts[0], step.data, reaction_out[0]
+    roots = floats_at(model_array(data, context.layout.subtree_com), (context.bodies, 3))
+    velocities = floats_at(model_array(data, context.layout.cvel), (context.bodies, 6))
+    arm = arm_from(roots[body.root], pose.position)
     twist_at(velocities[body.body], arm, pose.rotation, r.velocity[:])
-    twist_at(own, arm, pose.rotation, r.bias[:])
+    twist_at(step.carried[body.link].rate[:], arm, pose.rotation, r.bias[:])
 
 
 @inline
@@ -486,72 +506,118 @@ def decay_spin(step, body, axes, decay, reaction_out):
 
 
 @kernel
-def add_inertia(step, body, pose, matrix):
-    """Add J^T matrix J to MuJoCo's inertia matrix M.
+def carry(step, body, pose, matrix):
+    """Add a matrix (6, 6), of which the lower triangle is read, to what a body's link carries. It
+    takes motions in the frame of a pose, linear parts first, to momenta there."""
+    context = step.contexts[0]
+    roots = floats_at(model_array(step.data, context.layout.subtree_com), (context.bodies, 3))
+    ax, ay, az = arm_from(roots[body.root], pose.position)
+    r, inertia, turned = pose.rotation, step.carried[body.link].inertia, scratch((6, 6))
+    half = scratch((6, 6))
+    for a in range(0, 6, 3):  # the axes: R X R^T for each quarter X
+        for i in range(6):
+            x, y, z = mirrored(matrix, i, a), mirrored(matrix, i, a + 1), mirrored(matrix, i, a + 2)
+            for j in range(3):
+                half[i, a + j] = x * r[3 * j] + y * r[3 * j + 1] + z * r[3 * j + 2]
+    for a in range(0, 6, 3):
+        for j in range(6):
+            x, y, z = half[a, j], half[a + 1, j], half[a + 2, j]
+            for i in range(3):
+                turned[a + i, j] = r[3 * i] * x + r[3 * i + 1] * y + r[3 * i + 2] * z
+    for i in range(6):  # the arm: with v at the root, v + w x arm at the pose
+        x, y, z = cross(turned[i, 0], turned[i, 1], turned[i, 2], ax, ay, az)
+        turned[i, 3], turned[i, 4], turned[i, 5] = (
+            turned[i, 3] - x, turned[i, 4] - y, turned[i, 5] - z
+        )  # fmt: skip
+    for j in range(6):
+        x, y, z = cross(ax, ay, az, turned[0, j], turned[1, j], turned[2, j])
+        turned[3, j], turned[4, j], turned[5, j] = (
+            turned[3, j] + x, turned[4, j] + y, turned[5, j] + z
+        )  # fmt: skip
+    for i in range(6):
+        for j in range(6):
+            inertia[i, j] += turned[(i + 3) % 6, (j + 3) % 6]
 
-    matrix (6, 6), of which the lower triangle is read, acts on a body in the frame of a pose. J
-    maps the body's degrees of freedom to that frame.
+
+@inline
+def mirrored(matrix, i, j):
+    """An entry of a symmetric matrix of which the lower triangle is set."""
+    return matrix[i, j] if i >= j else matrix[j, i]
+
+
+@kernel
+def add_inertias(step):
+    """Add what the links carry to MuJoCo's inertia matrix M.
 
     For a lone body whose joint axes are its principal axes, M stores only a diagonal. Off-diagonal
     entries are then replaced by additions to the diagonal that bound the full matrix from above, so
     damping stays stable at any timestep. (Added mass has no such entries then: see `mjcf`.)
+
+    Source: Featherstone 2008, section 6.2, the composite-rigid-body algorithm.
     """
-    context, model, data, dofs = step.contexts[0], step.model, step.data, step.tables.dofs
+    context, model, links, momentum = step.contexts[0], step.model, step.tables.links, scratch(6)
     layout, n = context.layout, context.freedoms
-    first, size = body.first_dof, body.end_dof - body.first_dof
-    axes = floats_at(model_array(data, layout.cdof), (n, 6))
-    roots = floats_at(model_array(data, layout.subtree_com), (context.bodies, 3))
-    arm = arm_from(roots[body.root], pose.position)
+    axes = floats_at(model_array(step.data, layout.cdof), (n, 6))
     lengths = integers_at(model_array(model, layout.M_rownnz), (n,))
     starts = integers_at(model_array(model, layout.M_rowadr), (n,))
-    entries = floats_at(model_array(data, layout.M), (context.matrix,))
-    columns, products = np.empty((size, 6)), np.zeros((size, 6))
-    last = np.empty(size, np.int64)  # indices of the diagonal
-    for a in range(size):
-        row = dofs[first + a].index
-        last[a] = starts[row] + lengths[row] - 1
-        twist_at(axes[row], arm, pose.rotation, columns[a])
-        for i in range(6):
-            for j in range(i):
-                products[a, i] += matrix[i, j] * columns[a, j]
-                products[a, j] += matrix[i, j] * columns[a, i]
-            products[a, i] += matrix[i, i] * columns[a, i]
-        for i in range(6):
-            entries[last[a]] += products[a, i] * columns[a, i]
-    for a in range(size):
-        row = dofs[first + a].index
-        for b in range(a):
-            entry = 0.0
-            for j in range(6):
-                entry += products[a, j] * columns[b, j]
-            if lengths[row] > 1:
-                entries[starts[row] + b] += entry
-            else:
-                share = np.sqrt(entries[last[a]] / entries[last[b]])
-                entries[last[a]] += abs(entry) * share
-                entries[last[b]] += abs(entry) / share
+    columns = integers_at(model_array(model, layout.M_colind), (context.matrix,))
+    entries = floats_at(model_array(step.data, layout.M), (context.matrix,))
+    for k in range(links.size - 1, -1, -1):
+        link, inertia = links[k], step.carried[k].inertia
+        for a in range(link.first_dof, link.end_dof):
+            set_momentum(inertia, axes[a], momentum)
+            for e in range(starts[a], starts[a] + lengths[a]):
+                entries[e] += product_of(momentum, axes[columns[e]])
+        for a in range(link.first_dof + 1, link.end_dof):
+            if lengths[a] == 1:
+                set_momentum(inertia, axes[a], momentum)
+                for b in range(link.first_dof, a):
+                    entry = abs(product_of(momentum, axes[b]))
+                    share = np.sqrt(entries[starts[a]] / entries[starts[b]])
+                    entries[starts[a]] += entry * share
+                    entries[starts[b]] += entry / share
+        if link.parent >= 0:
+            above = step.carried[link.parent].inertia
+            for i in range(6):
+                for j in range(6):
+                    above[i, j] += inertia[i, j]
+
+
+@inline
+def set_momentum(inertia, axis, momentum_out):
+    """A matrix (6, 6) times a vector."""
+    for i in range(6):
+        total = 0.0
+        for j in range(6):
+            total += inertia[i, j] * axis[j]
+        momentum_out[i] = total
+
+
+@inline
+def product_of(a, b):
+    """The product of two vectors (6,)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
 
 
 @kernel
 def add_reaction(step, body, pose, centre, reaction, only_drag, total_out):
     """Add a REACTION in the frame of a pose to a body's wrench about its centre of mass (3,) and to
-    MuJoCo's inertia matrix. only_drag: add only its drag, and only to the wrench."""
+    what its link carries. only_drag: add only its drag, and only to the wrench."""
     r, arm = reaction[0], arm_from(centre, pose.position)
     add_turned(r.drag[:], arm, pose.rotation, total_out)
     if not only_drag:
         add_turned(r.inertia[:], arm, pose.rotation, total_out)
-        add_inertia(step, body, pose, r.matrix[:])
+        carry(step, body, pose, r.matrix[:])
 
 
 # C functions, with addresses as arguments
 
 
-@c_function
-def resist_at(address, model, data, wrenches, totals, states):
-    """Add to the bodies' wrenches (B, 6), and to the matrix of inertia, what bodies meet besides
-    the buoyancy of their hulls, `push_at`'s wrenches (H, 6). states: the address of the plugin's
-    states; 0 to add the drag alone, and that to the wrenches only."""
-    step = step_of(address, model, data)
+@kernel
+def resist(address, model, data, wrenches, totals, states, carried):
+    """See `resist_at`. carried: a CARRIED row for each LINK."""
+    step = step_of(address, model, data, carried.ctypes.data)
+    start_carrying(step)
     context, tables, state = step.contexts[0], step.tables, step.state
     lifts = floats_at(wrenches, (context.hulls, 6))
     found = floats_at(totals, (tables.bodies.size, 6))
@@ -577,9 +643,20 @@ def resist_at(address, model, data, wrenches, totals, states):
         if not is_made:
             call(context.make_inertia, (model, data))
             is_made = True
-        call(context.respond, (address, model, data, wrenches, totals, states))
+        rows = carried.ctypes.data
+        call(context.respond, (address, model, data, wrenches, totals, states, rows))
     if is_made and not only_drag:
+        add_inertias(step)
         call(context.factor_inertia, (model, data))
+
+
+@c_function
+def resist_at(address, model, data, wrenches, totals, states):
+    """Add to the bodies' wrenches (B, 6), and to the matrix of inertia, what bodies meet besides
+    the buoyancy of their hulls, `push_at`'s wrenches (H, 6). states: the address of the plugin's
+    states; 0 to add the drag alone, and that to the wrenches only."""
+    carried = np.empty(tables_of(context_at(address)).links.size, CARRIED)
+    resist(address, model, data, wrenches, totals, states, carried)
 
 
 @c_function

@@ -207,7 +207,7 @@ def react(step, tables, response, body, pose, lift, kind, span, memory, reaction
 
 @kernel
 def respond(step, tables, number, kind, span, lifts, memory, reaction, totals_out):
-    """Add the response with a number to its body's wrench and to the matrix of inertia."""
+    """Add the response with a number to its body's wrench and to what its link carries."""
     response = tables.bodies[number]
     body, lift = step.tables.bodies[response.body], 0.0
     for f in range(body.first, body.end):
@@ -231,10 +231,10 @@ def kind_of_call(memory, time, timestep):
 
 
 @c_function
-def respond_at(address, model, data, wrenches, totals, states):
-    """Add to the bodies' wrenches (B, 6), and to the matrix of inertia, the responses of bodies,
-    given the buoyancy (H, 6) of all hulls and the address of the plugin's states."""
-    step = step_of(address, model, data)
+def respond_at(address, model, data, wrenches, totals, states, carried):
+    """Add to the bodies' wrenches (B, 6), and to their links' CARRIED rows, the responses of
+    bodies, given the buoyancy (H, 6) of all hulls and the address of the plugin's states."""
+    step = step_of(address, model, data, carried)
     context, tables = step.contexts[0], responses_of(step.contexts[0])
     lifts = floats_at(wrenches, (context.hulls, 6))
     found = floats_at(totals, (step.tables.bodies.size, 6))

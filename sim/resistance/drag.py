@@ -26,6 +26,7 @@ hull's facets.
 """
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,6 +59,10 @@ from sim.water.motion import MOTION
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
+Table = NDArray[np.void]
+
+MOST_SHARED = 64
+"""Largest number of hulls whose tables are kept for further geoms with the same hull."""
 
 STRENGTH = record(
     linear="f8", form="f8", friction="f8", fade="f8", area="f8", volume=("f8", 9),
@@ -110,6 +115,18 @@ class DragCoefficients:
                 )
 
 
+@lru_cache(maxsize=MOST_SHARED)
+def _shared_tables(hull: Hull, sea: Sea) -> tuple[Table, Table, Table]:
+    """SURFACE, PROBE rows and STRENGTH of a hull in a sea, the last without coefficients. Geoms
+    with the same hull share the tables, so a step finds them in the processor's cache."""
+    surface = surface_elements(hull)
+    steps, residual = label_steps(sea, float(np.linalg.norm(hull.bounds[1] - hull.bounds[0])))
+    fade, area = 2.0 / np.cbrt(hull.volume), surface["area"].sum()
+    volume = enclosed_volume(surface).ravel()
+    strength = np.array([(0.0, 0.0, 0.0, fade, area, volume, residual, steps)], STRENGTH)
+    return surface, probes_of(surface, strength, sea), strength
+
+
 class Drag:
     """Drag of one hull in a sea, and its added mass (see `added_mass`).
 
@@ -151,13 +168,10 @@ class Drag:
         speed = np.sqrt(sea.gravity * np.cbrt(hull.volume))
         pressures = sea.density * np.array([c.linear * speed, 0.25 * c.form, 0.5 * c.friction])
         self.has_surface_drag = bool(pressures.any())
-        self.surface = surface_elements(hull)
-        size = float(np.linalg.norm(hull.bounds[1] - hull.bounds[0]))
-        steps, residual = label_steps(sea, size)
-        fade, area = 2.0 / np.cbrt(hull.volume), self.surface["area"].sum()
-        row = (*pressures, fade, area, enclosed_volume(self.surface).ravel(), residual, steps)
-        self.strength = read_only(np.array([row], STRENGTH))
-        self.probes = probes_of(self.surface, self.strength, sea)
+        self.surface, self.probes, strength = _shared_tables(hull, sea)
+        strength = strength.copy()
+        strength["linear"], strength["form"], strength["friction"] = pressures
+        self.strength = read_only(strength)
 
     def wrench(
         self, position: ArrayLike, rotation: ArrayLike, velocity: ArrayLike, time: float

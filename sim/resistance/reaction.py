@@ -34,7 +34,10 @@ timestep. Added mass alone does not lower the order.
 Source: Newman 1977 for Kirchhoff's equations.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.geometry import cross
 from sim.kernels import kernel, record, scratch, scratch_zeros, workspace
@@ -48,11 +51,13 @@ from sim.resistance.drag import (
     submersion_rate,
     wet_elements,
 )
-from sim.resistance.elements import ELEMENTS
-from sim.resistance.probes import QUANTITIES, probe_hull, spread_accelerations
+from sim.resistance.elements import ELEMENTS, SURFACE
+from sim.resistance.probes import PROBE, QUANTITIES, probe_hull, spread_accelerations
 from sim.resistance.rigid_fit import fit_matrix, fit_motion
 from sim.water.gerstner import level_and_rise
 from sim.water.motion import MOTION
+
+Table = NDArray[np.void]
 
 LEAST_CARRIED = 0.25
 """Least share of the submerged fraction that stays in the matrix while a hull leaves the water
@@ -86,9 +91,25 @@ of the water.
 """
 
 
-def hull_row(surface: int, probe: int, drag: Drag, volume: float) -> tuple[object, ...]:
-    """A Drag as a HULL. surface: row of its elements; probe: its first PROBE row; volume [m^3]: of
-    all its body's hulls with drag, which share the decay of angular momentum."""
+def hull_tables(drags: Sequence[tuple[Drag, float]]) -> tuple[Table, Table, Table]:
+    """HULL, SURFACE and PROBE rows of drags, each given with the volume [m^3] of all hulls with
+    drag of its body, which share the decay of angular momentum. Drags of the same hull share
+    rows."""
+    hulls, places = [], dict[int, tuple[int, int]]()
+    surfaces, probes = [np.zeros(0, SURFACE)], [np.zeros(0, PROBE)]
+    count = 0
+    for drag, volume in drags:
+        if id(drag.surface) not in places:
+            places[id(drag.surface)] = len(places), count
+            surfaces.append(drag.surface)
+            probes.append(drag.probes)
+            count += len(drag.probes)
+        hulls.append(_hull_row(*places[id(drag.surface)], drag, volume))
+    return np.array(hulls, HULL), np.concatenate(surfaces), np.concatenate(probes)
+
+
+def _hull_row(surface: int, probe: int, drag: Drag, volume: float) -> tuple[object, ...]:
+    """A HULL. surface: row of its elements; probe: its first PROBE row."""
     matrices = drag.added_mass, drag.damping, drag.damping_quadratic
     return (
         surface, probe, probe + len(drag.probes), drag.has_surface_drag,

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from sim.methods import Linear, Patches
 from sim.methods.linear import surface_tables
 from sim.methods.patches.tree import PatchTree, joined
-from sim.mjcf.floats import FloatingGeom, moving_dofs
+from sim.mjcf.floats import FloatingGeom, drags_of, moving_dofs
 from sim.resistance.elements import ELEMENTS
 from sim.resistance.probes import PROBE
-from sim.resistance.reaction import HULL, hull_row
+from sim.resistance.reaction import hull_tables
 from sim.worlds.programs import single
 
 Table = NDArray[np.void]
@@ -156,24 +156,16 @@ def reaction_tables(
     numbers = {i: n for n, i in enumerate(i for i, f in enumerate(floats) if f.drag)}
     if not numbers:
         return None
-    volumes: dict[int, float] = {}
-    for f in floats:
-        if f.drag:
-            volumes[f.body] = volumes.get(f.body, 0.0) + f.drag.hull.volume
-    table, surfaces, probes, of_hulls, first, dofs, count = [], [], [], [], [0], [], 0
-    for i, n in numbers.items():
-        f, drag = floats[i], floats[i].drag
-        assert drag is not None
-        table.append(hull_row(n, count, drag, volumes[f.body]))
-        surfaces.append(shared(drag.surface, lanes))
-        probes.append(shared(drag.probes, lanes))
-        count += len(drag.probes)
+    hulls, surfaces, probes = hull_tables(drags_of(floats))
+    of_hulls, first, dofs = [], [0], []
+    for i in numbers:
+        f = floats[i]
         of_hulls.append((i, f.geom, f.body, model.body_rootid[f.body]))
         dofs += moving_dofs(model, f.body)
         first.append(len(dofs))
     return ReactionTables(
-        single(np.array(table, HULL)), np.concatenate(surfaces),
-        np.concatenate([*probes, shared(np.zeros(1, PROBE), lanes)]), rows(of_hulls, 4),
+        single(hulls), shared(surfaces, lanes),
+        shared(np.concatenate([probes, np.zeros(1, PROBE)]), lanes), rows(of_hulls, 4),
         np.array(first, np.int32), np.array(dofs or [0], np.int32), numbers,
     )  # fmt: skip
 

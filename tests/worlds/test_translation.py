@@ -187,7 +187,7 @@ def cases() -> dict[str, Call]:
             hull, sea, drag.DragCoefficients(0.3, 0.8, 0.1, 0.2), added_mass=added @ added.T,
             damping=square @ square.T,
         )  # fmt: skip
-        table = np.array([reaction.hull_row(0, 0, made, hull.volume)], reaction.HULL)
+        table, _, _ = reaction.hull_tables([(made, hull.volume)])
         state = np.zeros(1, reaction.REACTION)
         state["velocity"], state["bias"] = rng.normal(size=(2, 6))
         flow = probes.Flow(waves, water, time)
