@@ -29,6 +29,7 @@ from sim.kernels import inline, kernel, record, scratch, workspace
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
+    LANES,
     ONE,
     ROW,
     SUMS,
@@ -271,13 +272,33 @@ def gather_heads(x, y, above, labels, sums, decayed, head, slope, jets_out):
 
 
 @kernel
+def finish_head_jets(x, y, above, squeeze, labels, sums, higher, decayed, jets_out):
+    """HEAD_JETs (N,) at the points x, y with heights `above` the level, all (N,) [m], from the sums
+    at their labels."""
+    first, field, slope, nearer = (
+        workspace(FIRST), workspace(FIELD), workspace(FIELD), workspace(LABELS)
+    )  # fmt: skip
+    at_particles, at_points = workspace(FIELD), workspace(FIELD)
+    filled = -(-x.size // LANES) * LANES
+    if squeeze > 0.0:
+        limit_squeeze(filled, squeeze, sums)
+    head_by_label(filled, sums, higher, decayed, field)
+    first_derivatives(filled, sums, higher, field, first)
+    third_derivatives(filled, sums, higher, field, first, at_particles)
+    second_derivatives(filled, sums, field, first, at_particles)
+    shifted(x, y, labels, sums, at_particles, at_points, nearer)
+    slope_by_label(filled, sums, higher, decayed, field)
+    first_derivatives(filled, sums, higher, field, first)
+    second_derivatives(filled, sums, field, first, slope)
+    gather_heads(x, y, above, labels, sums, decayed, at_points, slope, jets_out)
+
+
+@kernel
 def solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets_out):
     """HEAD_JETs (N,) at the points x, y: (N,) [m] with heights `above` the level (N,) [m], from
     particles Near them; tolerance and squeeze as in `jets.solve_jets`."""
     labels, nearer, sums = workspace(LABELS), workspace(LABELS), workspace(SUMS)
-    higher, first, decayed = workspace(HIGHER_SUMS), workspace(FIRST), workspace(DECAYED)
-    field, at_particles, at_points = workspace(FIELD), workspace(FIELD), workspace(FIELD)
-    slope, found = workspace(FIELD), scratch(CHUNK)
+    higher, decayed, found = workspace(HIGHER_SUMS), workspace(DECAYED), scratch(CHUNK)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
         px, py, places, heights = x[start:end], y[start:end], above[start:end], found[: end - start]
@@ -289,14 +310,6 @@ def solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets_out
             take_labels(filled, nearer, labels)
             set_depths(filled, places, heights, decayed)
             head_sums(filled, waves, time, labels, sums, higher, decayed)
-        if squeeze > 0.0:
-            limit_squeeze(filled, squeeze, sums)
-        head_by_label(filled, sums, higher, decayed, field)
-        first_derivatives(filled, sums, higher, field, first)
-        third_derivatives(filled, sums, higher, field, first, at_particles)
-        second_derivatives(filled, sums, field, first, at_particles)
-        shifted(px, py, labels, sums, at_particles, at_points, nearer)
-        slope_by_label(filled, sums, higher, decayed, field)
-        first_derivatives(filled, sums, higher, field, first)
-        second_derivatives(filled, sums, field, first, slope)
-        gather_heads(px, py, places, labels, sums, decayed, at_points, slope, jets_out[start:end])
+        finish_head_jets(
+            px, py, places, squeeze, labels, sums, higher, decayed, jets_out[start:end]
+        )

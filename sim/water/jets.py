@@ -27,6 +27,7 @@ from sim.kernels import inline, kernel, record, scratch, workspace
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
+    LANES,
     ONE,
     PLAIN_STEPS,
     ROW,
@@ -337,6 +338,22 @@ def near_particles(x, y, waves, time, steps, tolerance):
 
 
 @kernel
+def finish_jets(x, y, squeeze, labels, sums, higher, jets_out):
+    """Jets (N,) of the surface at the points x, y: (N,) [m], from the sums at their labels."""
+    first, heights, nearer = workspace(FIRST), workspace(FIELD), workspace(LABELS)
+    at_particles, at_points = workspace(FIELD), workspace(FIELD)
+    filled = -(-x.size // LANES) * LANES
+    if squeeze > 0.0:
+        limit_squeeze(filled, squeeze, sums)
+    copy_heights(filled, sums, higher, heights)
+    first_derivatives(filled, sums, higher, heights, first)
+    third_derivatives(filled, sums, higher, heights, first, at_particles)
+    second_derivatives(filled, sums, heights, first, at_particles)
+    shifted(x, y, labels, sums, at_particles, at_points, nearer)
+    gather_jets(at_points, nearer, jets_out)
+
+
+@kernel
 def solve_jets(x, y, near, waves, time, tolerance, squeeze, jets_out):
     """Jets (N,) of the surface at the points x, y: (N,) [m], from particles Near them. squeeze:
     the least that J may shrink a length to, 0 for exact derivatives.
@@ -346,8 +363,7 @@ def solve_jets(x, y, near, waves, time, tolerance, squeeze, jets_out):
     tolerance is.
     """
     labels, nearer, sums = workspace(LABELS), workspace(LABELS), workspace(SUMS)
-    higher, first, heights = workspace(HIGHER_SUMS), workspace(FIRST), workspace(FIELD)
-    at_particles, at_points, found = workspace(FIELD), workspace(FIELD), scratch(CHUNK)
+    higher, found = workspace(HIGHER_SUMS), scratch(CHUNK)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
         px, py = x[start:end], y[start:end]
@@ -357,11 +373,4 @@ def solve_jets(x, y, near, waves, time, tolerance, squeeze, jets_out):
             solve_labels(px, py, labels, waves, time, tolerance, ONE, found[: px.size], nearer)
             take_labels(filled, nearer, labels)
             jet_sums(filled, waves, time, labels, sums, higher)
-        if squeeze > 0.0:
-            limit_squeeze(filled, squeeze, sums)
-        copy_heights(filled, sums, higher, heights)
-        first_derivatives(filled, sums, higher, heights, first)
-        third_derivatives(filled, sums, higher, heights, first, at_particles)
-        second_derivatives(filled, sums, heights, first, at_particles)
-        shifted(px, py, labels, sums, at_particles, at_points, nearer)
-        gather_jets(at_points, nearer, jets_out[start:end])
+        finish_jets(px, py, squeeze, labels, sums, higher, jets_out[start:end])

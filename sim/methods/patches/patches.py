@@ -96,6 +96,13 @@ from sim.water.gerstner import (
 )
 from sim.water.head_jets import HEAD_JET, solve_head_jets
 from sim.water.jets import JET, Near, near_particles, solve_jets
+from sim.water.many_waves import (
+    MANY_WAVES,
+    SINGLE_TOLERANCE,
+    many_near_particles,
+    solve_many_head_jets,
+    solve_many_jets,
+)
 from sim.water.samples import SAFETY, newton_steps, sample_places
 from sim.water.sea import Sea
 
@@ -111,10 +118,11 @@ INSTANCE = record(pose="i8", row="i8", first="i8", end="i8", level="i8", levels=
 """A hull of a batch: rows of its pose and its wrench, its first patch and the end of its patches,
 and the first LEVEL row and the number of levels of its tree."""
 
-SOLVE = record(steps="i8", residual="f8", squeeze="f8", reach="f8")
+SOLVE = record(steps="i8", residual="f8", squeeze="f8", reach="f8", is_single="i8")
 """steps: number of Newton steps to a jet; residual [m] that is allowed after them; squeeze: limit
 of J in jets (see `jets`); reach: height above the surface, in radii of a patch, beyond which the
-patch is out of the water's reach. The surface is taken above the patch's centre."""
+patch is out of the water's reach, with the surface above the patch's centre; is_single: whether
+single precision is enough (see `many_waves`)."""
 
 LEVEL = record(first="i8", end="i8", depth="f8", sunk="f8", rise="f8")
 """A level of a tree: the range of its fitted waves; the depth [m] below the still level from which
@@ -287,7 +295,8 @@ def solve_table(methods: Sequence[Patches]) -> Table:
     slope = steepest_slope(sea)
     # the heights are those of nearby particles, hence the shift
     reach = np.hypot(1.0, slope) + CENTRE_SHIFT_RADII * slope
-    return np.array([(steps, residual, squeeze, reach)], SOLVE)
+    is_loose = np.min([m.tolerance for m in methods]) > SINGLE_TOLERANCE * sea.water["amplitude"][0]
+    return np.array([(steps, residual, squeeze, reach, is_loose and steps < PLAIN_STEPS)], SOLVE)
 
 
 def level_table(levels: Sequence[Level], sea: Sea) -> Table:
@@ -566,17 +575,33 @@ def keep_reached(patches, reach, points_out, near_out, chosen_out):
     return kept
 
 
+@kernel
+def particles_near(points, waves, time, solve):
+    """The particles Near points, from fitted waves."""
+    if solve.is_single and waves.size >= MANY_WAVES:
+        return many_near_particles(points.x, points.y, waves, time, solve.steps)
+    return near_particles(points.x, points.y, waves, time, solve.steps, solve.residual)
+
+
 @inline
 def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomials_out):
     """Polynomials (N,) of the heads around the chosen patches' centres, from fitted waves."""
     x, y, above, solve = points.x, points.y, points.above, sea.solve[0]
+    tolerance, squeeze = solve.residual, solve.squeeze
+    is_single = solve.is_single != 0 and waves.size >= MANY_WAVES
     if sea.water[0].decays and waves.size > 0:
         jets = np.empty(x.size, HEAD_JET)
-        solve_head_jets(x, y, above, near, waves, time, solve.residual, solve.squeeze, jets)
+        if is_single:
+            solve_many_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets)
+        else:
+            solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets)
         decayed_polynomials(jets, chosen, rotations, polynomials_out)
     else:
         jets = np.empty(x.size, JET)
-        solve_jets(x, y, near, waves, time, solve.residual, solve.squeeze, jets)
+        if is_single:
+            solve_many_jets(x, y, near, waves, time, tolerance, squeeze, jets)
+        else:
+            solve_jets(x, y, near, waves, time, tolerance, squeeze, jets)
         head_polynomials(jets, above, chosen, rotations, polynomials_out)
 
 
@@ -606,7 +631,7 @@ def reached_polynomials(tree, sea, instances, positions, rotations, time):
                 chosen[count:],
             )  # fmt: skip
             run = first_points(points, found)
-            near = near_particles(run.x, run.y, waves, time, solve.steps, solve.residual)
+            near = particles_near(run, waves, time, solve)
             to = slice(count, count + found)
             kept = keep_reached(tree.patches, solve.reach, run, near, chosen[to])
             to = slice(count, count + kept)

@@ -1,0 +1,100 @@
+"""The sums of jets in single precision, with waves as lanes, against those in double precision."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import sim.methods.patches.patches as patches_module
+from independent import load_mesh, random_rotation
+from sim import Hull, Patches, Sea
+from sim.methods.patches.patches import solve_table
+from sim.water.gerstner import CHUNK, LABELS, SUMS
+from sim.water.head_jets import DECAYED, head_sums
+from sim.water.jets import HIGHER_SUMS
+from sim.water.many_waves import (
+    MANY_WAVES,
+    TILE,
+    many_head_sums,
+    many_jet_sums,
+    many_near_particles,
+    many_wave_sums,
+)
+
+SINGLE_ROUND_OFF = 1e-6
+"""Error of a sum in single precision, as a share of its largest values: 64 waves at a time, each to
+6e-8."""
+
+COUNT = 40
+
+
+def waves_of(count: int, **water) -> Sea:
+    return Sea.jonswap(3.0, 8.0, waves=count, seed=2, **water)
+
+
+def sums_at(sea: Sea, far: float, time: float, compute) -> dict[str, np.ndarray]:
+    """All sums at COUNT random labels and depths."""
+    rng = np.random.default_rng(4)
+    labels, *found = (np.zeros(1, kind) for kind in (LABELS, SUMS, HIGHER_SUMS, DECAYED))
+    labels["x"][0] = far + rng.uniform(-60.0, 60.0, CHUNK)
+    labels["y"][0] = rng.uniform(-60.0, 60.0, CHUNK)
+    found[2]["s"][0] = -rng.uniform(0.0, 15.0, CHUNK)
+    compute(COUNT, sea.components, time, labels, *found)
+    return {
+        f"{kind} {name}": table[name][0, :COUNT]
+        for kind, table in zip("psd", found, strict=True)
+        for name in table.dtype.names
+        if name not in ("sine", "cosine")
+    }
+
+
+@pytest.mark.parametrize("water", [{}, {"depth": 25.0}, {"ramp": 9.0}], ids=str)
+@pytest.mark.parametrize("count", [MANY_WAVES, TILE + 1, 3 * TILE])
+def test_sums_are_those_in_double_precision(count, water):
+    sea = waves_of(count, **water)
+    for far, time in ((0.0, 5.0), (1e5, 1e5)):
+        truth = sums_at(sea, far, time, head_sums)
+        found = sums_at(sea, far, time, many_head_sums)
+        for name, values in truth.items():
+            scale = np.abs(values).max()
+            assert scale > 0.0, name
+            np.testing.assert_allclose(found[name], values, atol=SINGLE_ROUND_OFF * scale)
+        fewer = sums_at(sea, far, time, lambda *given: many_jet_sums(*given[:-1]))
+        fewest = sums_at(sea, far, time, lambda *given: many_wave_sums(*given[:-2]))
+        for name, values in found.items():
+            if name[0] in "ps":
+                np.testing.assert_array_equal(fewer[name], values)
+            if name[0] == "p":
+                np.testing.assert_array_equal(fewest[name], values)
+
+
+def test_particles_near_points_are_above_and_below_them():
+    """After four steps their labels and heights are those of the surface at the points."""
+    sea, rng = waves_of(60), np.random.default_rng(5)
+    x, y = rng.uniform(-90.0, 90.0, (2, COUNT))
+    near = many_near_particles(x, y, sea.components, 3.0, 4)
+    np.testing.assert_allclose(near.height, sea.elevation(x, y, 3.0), atol=1e-5)
+
+
+@pytest.mark.parametrize("pressure", ["hydrostatic", "froude-krylov"])
+def test_wrenches_are_those_in_double_precision(pressure, monkeypatch):
+    mesh = load_mesh("bunny")
+    hull = Hull.from_trimesh(mesh.apply_scale(40.0 / mesh.extents.max()))
+    sea = waves_of(200, pressure=pressure)
+    single = Patches(hull, sea)
+    assert solve_table([single])["is_single"][0]
+    monkeypatch.setattr(patches_module, "SINGLE_TOLERANCE", np.inf)
+    double = Patches(hull, sea)
+    assert not solve_table([double])["is_single"][0]
+    rng, weight = np.random.default_rng(6), sea.density * sea.gravity * hull.volume
+    for _ in range(10):
+        pose = rng.uniform(-30.0, 30.0, 3) * [1, 1, 0.2], random_rotation(rng), rng.uniform(0, 99.0)
+        missed = single.wrench(*pose) - double.wrench(*pose)
+        assert 0.0 < np.abs(missed[:3]).max() < SINGLE_ROUND_OFF * weight
+        assert np.abs(missed[3:]).max() < SINGLE_ROUND_OFF * weight * hull.length
+
+
+def test_a_tight_tolerance_and_few_waves_keep_double_precision():
+    hull = Hull.from_trimesh(trimesh.creation.box((1.0, 1.0, 1.0)))
+    sea = waves_of(MANY_WAVES)
+    assert solve_table([Patches(hull, sea, 1e-3)])["is_single"][0]
+    assert not solve_table([Patches(hull, sea, 1e-6)])["is_single"][0]
