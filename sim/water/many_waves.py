@@ -85,7 +85,9 @@ ZERO, HALF, UNIT, TWO, EIGHT = map(single, (0.0, 0.5, 1.0, 2.0, 8.0))
 LOG2_E, MOST_HALVINGS = single(np.log2(np.e)), single(120.0)
 
 
-def _power_series(function: Callable[[Array], Array], degree: int, end: float) -> tuple[np.float32, ...]:
+def _power_series(
+    function: Callable[[Array], Array], degree: int, end: float
+) -> tuple[np.float32, ...]:
     """Coefficients of the polynomial that meets a function at Chebyshev's nodes from 0 to an
     end."""
     found = Chebyshev.interpolate(function, degree, [0.0, end])

@@ -190,7 +190,7 @@ class Patches(Compiled):
             )
         super().__init__(hull, sea)
         sizes, self.tree = cut(hull, sea, tolerance)
-        self.radius, self.tolerance = sizes.radius, sizes.tolerance
+        self.radius, self.tolerance = float(sizes.radius), float(sizes.tolerance)
         self.squeeze = sizes.squeeze
         self.is_coarse = sizes.is_coarse
         self.levels = (Level(self.radius, 0.0, 0.0, jet_waves(sea, self.radius)), *sizes.deep)
@@ -295,7 +295,7 @@ def solve_table(methods: Sequence[Patches]) -> Table:
     slope = steepest_slope(sea)
     # the heights are those of nearby particles, hence the shift
     reach = np.hypot(1.0, slope) + CENTRE_SHIFT_RADII * slope
-    is_loose = np.min([m.tolerance for m in methods]) > SINGLE_TOLERANCE * sea.water["amplitude"][0]
+    is_loose = min(m.tolerance for m in methods) > SINGLE_TOLERANCE * sea.water["amplitude"][0]
     return np.array([(steps, residual, squeeze, reach, is_loose and steps < PLAIN_STEPS)], SOLVE)
 
 
