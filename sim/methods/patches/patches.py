@@ -165,7 +165,8 @@ class Patches(Compiled):
     water's weight, or for the nearest tolerance that can be kept (see `sizes`). Raises ValueError
     for a tolerance that is not positive or needs too many patches.
 
-    is_coarse: whether the default could not be kept; tree: the hull cut for this sea; radius [m]:
+    is_coarse: whether the default could not be kept; is_loose: whether the tolerance is far above
+    the errors of single precision; tree: the hull cut for this sea; radius [m]:
     of the largest patch allowed at the surface, inf on flat water; levels: the fitted components
     of the sea from which this hull's jets are made, as in the search for the radius, and those of
     the larger patches far below the surface. Fits over smaller discs can have larger errors where a
@@ -190,7 +191,8 @@ class Patches(Compiled):
             )
         super().__init__(hull, sea)
         sizes, self.tree = cut(hull, sea, tolerance)
-        self.radius, self.tolerance = float(sizes.radius), float(sizes.tolerance)
+        self.radius, self.tolerance = sizes.radius, sizes.tolerance
+        self.is_loose = sizes.tolerance > SINGLE_TOLERANCE * sea.water["amplitude"][0]
         self.squeeze = sizes.squeeze
         self.is_coarse = sizes.is_coarse
         self.levels = (Level(self.radius, 0.0, 0.0, jet_waves(sea, self.radius)), *sizes.deep)
@@ -295,8 +297,8 @@ def solve_table(methods: Sequence[Patches]) -> Table:
     slope = steepest_slope(sea)
     # the heights are those of nearby particles, hence the shift
     reach = np.hypot(1.0, slope) + CENTRE_SHIFT_RADII * slope
-    is_loose = min(m.tolerance for m in methods) > SINGLE_TOLERANCE * sea.water["amplitude"][0]
-    return np.array([(steps, residual, squeeze, reach, is_loose and steps < PLAIN_STEPS)], SOLVE)
+    is_single = all(method.is_loose for method in methods) and steps < PLAIN_STEPS
+    return np.array([(steps, residual, squeeze, reach, is_single)], SOLVE)
 
 
 def level_table(levels: Sequence[Level], sea: Sea) -> Table:
