@@ -7,8 +7,16 @@ import trimesh
 import sim.methods.patches.patches as patches_module
 from independent import load_mesh, random_rotation
 from sim import Hull, Patches, Sea
+from sim.methods.patches import fit
+from sim.methods.patches.fit import (
+    head_errors,
+    jet_waves,
+    rough_heads,
+    rough_steps,
+    true_heads,
+)
 from sim.methods.patches.patches import solve_table
-from sim.water.gerstner import CHUNK, LABELS, SUMS
+from sim.water.gerstner import CHUNK, LABELS, PLAIN_STEPS, SUMS
 from sim.water.head_jets import DECAYED, head_sums
 from sim.water.jets import HIGHER_SUMS
 from sim.water.many_waves import (
@@ -19,6 +27,7 @@ from sim.water.many_waves import (
     many_near_particles,
     many_wave_sums,
 )
+from sim.water.samples import sample_places
 
 SINGLE_ROUND_OFF = 1e-6
 """Error of a sum in single precision, as a share of its largest values: 64 waves at a time, each to
@@ -98,3 +107,31 @@ def test_a_tight_tolerance_and_few_waves_keep_double_precision():
     sea = waves_of(MANY_WAVES)
     assert solve_table([Patches(hull, sea, 1e-3)])["is_single"][0]
     assert not solve_table([Patches(hull, sea, 1e-6)])["is_single"][0]
+
+
+@pytest.mark.parametrize("count", [MANY_WAVES, 200])
+def test_rough_heads_judge_jets_like_true_ones(count):
+    """The errors of jets found with rough heads are those found with true heads, to a tenth of the
+    smallest that rough heads judge."""
+    sea, radius = waves_of(count), 4.0
+    steps, least = rough_steps(sea)
+    assert steps < PLAIN_STEPS
+    x, y = (axis[:200] for axis in sample_places(sea))
+    above = np.linspace(-12.0, 0.0, 200)
+    true, rough = true_heads(sea)(x, y, above), rough_heads(sea, steps)(x, y, above)
+    wet = true > 0.0
+    assert 50 < np.count_nonzero(wet) < 200
+    assert 0.0 < np.abs(rough - true)[wet].max() < 0.1 * least
+    assert (rough[~wet] <= 0.1 * least).all()
+    errors = head_errors(sea, jet_waves(sea, radius), radius, chosen=np.arange(200))
+    assert errors.max() > least
+    exact = rough_steps.__wrapped__(sea.hydrostatic)
+    assert exact[0] == PLAIN_STEPS
+
+
+def test_small_errors_are_judged_by_true_heads(monkeypatch):
+    sea, calls = waves_of(MANY_WAVES), []
+    monkeypatch.setattr(fit, "true_heads", lambda sea: calls.append(sea) or true_heads(sea))
+    for radius, count in ((8.0, 0), (0.1, 1)):
+        head_errors(sea, jet_waves(sea, radius), radius, chosen=np.arange(50))
+        assert len(calls) == count

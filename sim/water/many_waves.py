@@ -438,3 +438,33 @@ def solve_many_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jet
         finish_head_jets(
             px, py, places, squeeze, labels, sums, higher, decayed, jets_out[start:end]
         )
+
+
+@summing_kernel
+def lost_head(count, factors, phases):
+    """The head [m] that the first `count` waves of a tile lose by their decay at a point."""
+    q, p, lost = factors[0], phases[0], ZERO
+    for w in range(count):
+        s, e, v = p.sine[w], p.down[w], p.up[w]
+        gone = UNIT - e
+        lost += q.z[w] * gone * s + q.lost[w] * (gone + v * (v - q.tanh[w]))
+    return lost
+
+
+@kernel
+def solve_many_heads(x, y, above, waves, time, steps, heads_out):
+    """Heads (N,) [m] of decaying pressure at the points x, y with heights `above` the level, all
+    (N,) [m], after fewer than PLAIN_STEPS Newton steps. Above the surface, a height with the right
+    sign."""
+    near = many_near_particles(x, y, waves, time, steps)
+    factors, phases = workspace(FACTORS), workspace(PHASES)
+    for i in range(x.size):
+        heads_out[i] = near.height[i] - above[i]
+    for first in range(0, waves.size, TILE):
+        tile = set_factors(waves[first : min(first + TILE, waves.size)], time, factors)
+        for i in range(x.size):
+            depth = near.height[i] - above[i]
+            if depth > 0.0:
+                set_phases(tile, factors, near.label_x[i], near.label_y[i], phases)
+                set_decays(tile, factors, depth, phases)
+                heads_out[i] -= lost_head(tile, factors, phases)

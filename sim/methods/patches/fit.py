@@ -5,7 +5,8 @@ estimated from samples of the sea (see `water.samples`). Bounds are several time
 many waves would have to coincide.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
 from itertools import product
 from math import factorial, prod
 from typing import NamedTuple
@@ -14,12 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.kernels import read_only
+from sim.water.gerstner import PLAIN_STEPS
 from sim.water.head_jets import HEAD_JET, solve_head_jets
 from sim.water.jets import JET, near_particles, solve_jets
-from sim.water.samples import SAFETY, sample_places, still
+from sim.water.many_waves import MANY_WAVES, solve_many_heads
+from sim.water.samples import SAFETY, newton_steps, sample_places, still
 from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
+Heads = Callable[[Array, Array, Array], Array]
 Chosen = slice | NDArray[np.int64]
 Table = NDArray[np.void]
 
@@ -83,6 +87,13 @@ DEEP_STRIDE = 4
 CENTRE_SHIFT_RADII = 0.05
 """Distance, in patch radii, between a patch's centre and the particle that its jet may come from.
 The solve can then stop early, and patches are smaller by this share."""
+
+ROUGH_ERROR = 1e-4
+"""Error of the labels of rough heads, as a share of the highest crest. Their heads are ten times as
+accurate."""
+
+ROUGH_SHARE = 1e-3
+"""Smallest error of jets that rough heads judge, as a share of the highest crest."""
 
 
 class Level(NamedTuple):
@@ -274,17 +285,56 @@ def _missed(
 ) -> Array:  # fmt: skip
     """Largest errors (N,) [m] of jets (T, N) at places x, y and `above` the level, all (N,) [m], at
     points around them: a distance in radii, a direction and a dip [rad]."""
+    around = list(around)
+    steps, round_off = rough_steps(sea)
+    if steps < PLAIN_STEPS:
+        worst = _missed_of(rough_heads(sea, steps), sea, jets, places, radius, around)
+        if worst.max(initial=0.0) > round_off:
+            return worst
+    return _missed_of(true_heads(sea), sea, jets, places, radius, around)
+
+
+def _missed_of(
+    heads: Heads, sea: Sea, jets: Array, places: tuple[Array, Array, Array], radius: float,
+    around: Sequence[tuple[float, float, float]],
+) -> Array:  # fmt: skip
     x, y, above = places
     worst = np.zeros(x.size)
     for ring, angle, dip in around:
         dx, dy = (ring * radius * np.cos(dip) * f(angle) for f in (np.cos, np.sin))
         dz = ring * radius * np.sin(dip)
-        found = sea.head(x + dx, y + dy, still(sea) + above + dz, sea.ramp)
+        found = heads(x + dx, y + dy, above + dz)
         said = taylor_weights(HEAD_TERMS, {"x": dx, "y": dy, "z": dz}) @ jets
         missed = np.where(found >= 0.0, np.abs(found - said), np.maximum(said, 0.0))
         missed[above + dz < -sea.depth] = 0.0
         worst = np.maximum(worst, missed)
     return worst
+
+
+def true_heads(sea: Sea) -> Heads:
+    """The heads of a sea at x, y and heights above the level."""
+    return lambda x, y, above: sea.head(x, y, still(sea) + above, sea.ramp)
+
+
+def rough_heads(sea: Sea, steps: int) -> Heads:
+    """The heads in single precision after a number of Newton steps."""
+
+    def heads(x: Array, y: Array, above: Array) -> Array:
+        found = np.empty(x.size)
+        solve_many_heads(x, y, above, sea.components, sea.ramp, np.int64(steps), found)
+        return found
+
+    return heads
+
+
+@lru_cache(maxsize=2)
+def rough_steps(sea: Sea) -> tuple[int, float]:
+    """Number of Newton steps to rough heads, and the smallest error of jets [m] that they judge.
+    PLAIN_STEPS where true heads are needed, or cost no more."""
+    amplitude = float(sea.water["amplitude"][0])
+    is_many = len(sea.components) >= MANY_WAVES and sea.pressure != "hydrostatic"
+    steps = newton_steps(sea, ROUGH_ERROR * amplitude)[0] if is_many else PLAIN_STEPS
+    return steps, ROUGH_SHARE * amplitude
 
 
 def deep_levels(

@@ -210,8 +210,10 @@ def clusters(corners: Array, sizes: Array, radius: float) -> Integers:
     while apart.max() > SEED_DISTANCE_RADII * radius:
         seeds = np.vstack([seeds, middles[apart.argmax()]])
         apart = np.minimum(apart, np.linalg.norm(middles - seeds[-1], axis=1))
+    nearest = np.empty(len(middles), dtype=np.int64)
     for _ in range(SEED_ROUNDS):
-        nearest, seeds = _lloyd(middles, sizes, seeds)
+        seeds = np.ascontiguousarray(seeds)
+        settle(middles, sizes, np.int64(LLOYD_ROUNDS), seeds, nearest)
         distances = np.linalg.norm(corners - seeds[nearest, None], axis=2).max(axis=1)
         order = np.argsort(distances, kind="stable")
         farthest = np.zeros(len(seeds), dtype=np.int64)
@@ -223,31 +225,29 @@ def clusters(corners: Array, sizes: Array, radius: float) -> Integers:
     return nearest
 
 
-def _lloyd(points: Array, sizes: Array, seeds: Array) -> tuple[Integers, Array]:
-    """For each point (N, 3) the closest seed (K, 3), and the seeds after LLOYD_ROUNDS moves to the
-    centroids of their points."""
-    nearest = np.empty(len(points), dtype=np.int64)
-    for _ in range(LLOYD_ROUNDS):
-        find_nearest(points, seeds, nearest)
-        total = np.bincount(nearest, sizes, len(seeds))[:, None]
-        sums = [np.bincount(nearest, sizes * along, len(seeds)) for along in points.T]
-        seeds = np.where(
-            total > 0.0, np.transpose(sums) / np.maximum(total, SMALLEST_DIVISOR), seeds
-        )
-    return nearest, seeds
-
-
 @kernel
-def find_nearest(points, seeds, nearest_out):
-    """For each point (N, 3), find the closest seed (K, 3)."""
-    for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        best, least = 0, np.inf
-        for k in range(seeds.shape[0]):
-            dx, dy, dz = seeds[k, 0] - x, seeds[k, 1] - y, seeds[k, 2] - z
-            away = dx * dx + dy * dy + dz * dz
-            best, least = (k, away) if away < least else (best, least)
-        nearest_out[i] = best
+def settle(points, sizes, rounds, seeds_out, nearest_out):
+    """For each point (N, 3) of a size, find the closest seed (K, 3), and move the seeds to the
+    centroids of their points, a number of times."""
+    total, sums = np.empty(len(seeds_out)), np.empty((len(seeds_out), 3))
+    for _ in range(rounds):
+        total[:], sums[:] = 0.0, 0.0
+        for i in range(points.shape[0]):
+            x, y, z, size = points[i, 0], points[i, 1], points[i, 2], sizes[i]
+            best, least = 0, np.inf
+            for k in range(seeds_out.shape[0]):
+                dx, dy, dz = seeds_out[k, 0] - x, seeds_out[k, 1] - y, seeds_out[k, 2] - z
+                away = dx * dx + dy * dy + dz * dz
+                best, least = (k, away) if away < least else (best, least)
+            nearest_out[i] = best
+            total[best] += size
+            sums[best, 0] += size * x
+            sums[best, 1] += size * y
+            sums[best, 2] += size * z
+        for k in range(seeds_out.shape[0]):
+            if total[k] > 0.0:
+                for j in range(3):
+                    seeds_out[k, j] = sums[k, j] / total[k]
 
 
 class _Piece(NamedTuple):
