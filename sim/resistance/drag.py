@@ -31,7 +31,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.geometry import cross, placed
+from sim.geometry import cross
 from sim.hulls.hull import Hull
 from sim.kernels import (
     inline,
@@ -77,15 +77,14 @@ labels; residual [m]: the largest allowed before the last of these steps.
 """
 
 WORK = record(
-    x=ROW, y=ROW, z=ROW, height=ROW, depth=ROW, wet=ROW, sunk=ROW, u_x=ROW, u_y=ROW, u_z=ROW,
+    height=ROW, depth=ROW, wet=ROW, sunk=ROW, u_x=ROW, u_y=ROW, u_z=ROW,
     force_x=ROW, force_y=ROW, force_z=ROW, skin_x=ROW, skin_y=ROW, skin_z=ROW,
     across=ROW, along=ROW, rub=ROW,
 )  # fmt: skip
 """Workspace of the elements.
 
-x, y, z: positions in the world [m]; height [m] of the water above the level there; depth [m], 0
-above the surface; wet [m^2]: wet areas; sunk [m]: means of the depth over the elements, with dry
-shares counted as 0. In the hull's axes: u_x, u_y, u_z: velocities [m/s] relative to the water;
+height [m]: of the water above the level; depth [m], 0 above the surface; wet [m^2]: wet areas; sunk
+[m]: means of the depth over the elements, with dry shares counted as 0. In the hull's axes: u_x, u_y, u_z: velocities [m/s] relative to the water;
 force_x, force_y, force_z [N]; and the terms of the derivatives of the forces,
 
     - dF/du = across n n^T + along t t^T + rub 1,    t the tangential velocity, `skin`.
@@ -196,12 +195,13 @@ class Drag:
 
 
 @summing_kernel
-def wet_areas(surface, level, work):
+def wet_areas(surface, level, pose, work):
     """Depths and wet areas of the elements, from the heights of the water above the level [m].
     Return the sum of the wet areas."""
-    s, e, total = surface, work[0], 0.0
+    s, e, total, above = surface, work[0], 0.0, pose.position[2] - level
+    ux, uy, uz = pose.rotation[6], pose.rotation[7], pose.rotation[8]
     for i in range(ELEMENTS):
-        below = depth(e.height[i], e.z[i] - level)
+        below = depth(e.height[i], above + ux * s.x[i] + uy * s.y[i] + uz * s.z[i])
         # the wet share rises gradually over the element's size, so that no force jumps
         share = min(max(0.5 + 0.5 * below / s.radius[i], 0.0), 1.0)
         e.wet[i] = share * s.area[i]
@@ -376,21 +376,12 @@ def add_damping(surface, strength, work, factor, damping_out):
 
 
 @kernel
-def place_elements(surface, pose, work_out):
-    """World positions of the elements."""
-    s, e = surface, work_out[0]
-    for i in range(ELEMENTS):
-        e.x[i], e.y[i], e.z[i] = placed(s.x[i], s.y[i], s.z[i], pose.position, pose.rotation)
-
-
-@kernel
 def wet_elements(surface, probes, probed, level, pose, work, motion):
-    """Compute the positions, depths and wet areas of the elements, and the water's velocities
+    """Compute the depths and wet areas of the elements, and the water's velocities
     there, a MOTION, from the water at the probes and the still level [m]. Return the sum of the wet
     areas."""
-    place_elements(surface, pose, work)
     spread_velocities(probed, probes, work[0].height[:], motion)
-    return wet_areas(surface, level, work)
+    return wet_areas(surface, level, pose, work)
 
 
 @kernel
