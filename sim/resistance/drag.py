@@ -84,8 +84,9 @@ WORK = record(
 """Workspace of the elements.
 
 height [m]: of the water above the level; depth [m], 0 above the surface; wet [m^2]: wet areas; sunk
-[m]: means of the depth over the elements, with dry shares counted as 0. In the hull's axes: u_x, u_y, u_z: velocities [m/s] relative to the water;
-force_x, force_y, force_z [N]; and the terms of the derivatives of the forces,
+[m]: means of the depth over the elements, with dry shares counted as 0. In the hull's axes: u_x,
+u_y, u_z: velocities [m/s] relative to the water; force_x, force_y, force_z [N]; and the terms of
+the derivatives of the forces,
 
     - dF/du = across n n^T + along t t^T + rub 1,    t the tangential velocity, `skin`.
 """
