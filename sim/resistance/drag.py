@@ -78,17 +78,14 @@ labels; residual [m]: the largest allowed before the last of these steps.
 
 WORK = record(
     height=ROW, depth=ROW, wet=ROW, sunk=ROW, u_x=ROW, u_y=ROW, u_z=ROW,
-    force_x=ROW, force_y=ROW, force_z=ROW, skin_x=ROW, skin_y=ROW, skin_z=ROW,
-    across=ROW, along=ROW, rub=ROW,
+    force_x=ROW, force_y=ROW, force_z=ROW, xx=ROW, yx=ROW, yy=ROW, zx=ROW, zy=ROW, zz=ROW,
 )  # fmt: skip
 """Workspace of the elements.
 
 height [m]: of the water above the level; depth [m], 0 above the surface; wet [m^2]: wet areas; sunk
 [m]: means of the depth over the elements, with dry shares counted as 0. In the hull's axes: u_x,
-u_y, u_z: velocities [m/s] relative to the water; force_x, force_y, force_z [N]; and the terms of
-the derivatives of the forces,
-
-    - dF/du = across n n^T + along t t^T + rub 1,    t the tangential velocity, `skin`.
+u_y, u_z: velocities [m/s] relative to the water; force_x, force_y, force_z [N]; and the lower
+triangle, xx to zz, of - dF/du, a symmetric matrix.
 """
 
 
@@ -268,7 +265,8 @@ def relative_velocities(surface, rotation, velocity, motion, work):
 
 @kernel
 def element_forces(surface, strength, work):
-    """Forces of the elements and their derivatives, from their velocities."""
+    """Forces of the elements and their derivatives, from their velocities: with the unit normal n
+    and the tangential velocity t, - dF/du = across n n^T + along t t^T + rub 1."""
     s, e = surface, work[0]
     form, friction, fade = strength.form, strength.friction, strength.fade
     for i in range(ELEMENTS):
@@ -284,10 +282,14 @@ def element_forces(surface, strength, work):
         e.force_x[i] = -push * nx - rub * tx
         e.force_y[i] = -push * ny - rub * ty
         e.force_z[i] = -push * nz - rub * tz
-        e.skin_x[i], e.skin_y[i], e.skin_z[i] = tx, ty, tz
-        e.across[i] = area * (linear + 2.0 * form * abs(speed)) - rub
-        e.along[i] = area * friction / skin_speed if skin_speed > 0.0 else 0.0
-        e.rub[i] = rub
+        across = area * (linear + 2.0 * form * abs(speed)) - rub
+        along = area * friction / skin_speed if skin_speed > 0.0 else 0.0
+        wx, wy, wz, vx, vy, vz = (
+            across * nx, across * ny, across * nz, along * tx, along * ty, along * tz
+        )  # fmt: skip
+        e.xx[i], e.yx[i] = wx * nx + vx * tx + rub, wy * nx + vy * tx
+        e.yy[i], e.zx[i] = wy * ny + vy * ty + rub, wz * nx + vz * tx
+        e.zy[i], e.zz[i] = wz * ny + vz * ty, wz * nz + vz * tz + rub
 
 
 @summing_kernel
@@ -309,24 +311,24 @@ def add_forces(surface, work, wrench_out):
 
 
 @summing_kernel
-def add_squares(surface, ax, ay, az, weights, factor, damping_out):
-    """Add factor * sum of weight b b^T to the lower triangle of damping (6, 6), with b = (a, point
-    x a) for a vector a and a weight of each element."""
-    p = surface
+def add_damping(surface, work, factor, damping_out):
+    """Add factor * - d wrench / d velocity to the lower triangle of damping (6, 6): the sum of B^T
+    (- dF/du) B, where B takes a hull's velocity (6,) to that of an element's point."""
+    s, e = surface, work[0]
     aa, ba, bb, ca, cb, cc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     da, db, dc, dd, ea, eb, ec, ed, ee = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     fa, fb, fc, fd, fe, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(ELEMENTS):
-        w, a, b, c = weights[i], ax[i], ay[i], az[i]
-        x, y, z = p.x[i], p.y[i], p.z[i]
-        d, e, f = y * c - z * b, z * a - x * c, x * b - y * a
-        wa, wb, wc, wd, we, wf = w * a, w * b, w * c, w * d, w * e, w * f
-        aa, ba, bb = aa + wa * a, ba + wb * a, bb + wb * b
-        ca, cb, cc = ca + wc * a, cb + wc * b, cc + wc * c
-        da, db, dc, dd = da + wd * a, db + wd * b, dc + wd * c, dd + wd * d
-        ea, eb, ec, ed, ee = ea + we * a, eb + we * b, ec + we * c, ed + we * d, ee + we * e
-        fa, fb, fc = fa + wf * a, fb + wf * b, fc + wf * c
-        fd, fe, ff = fd + wf * d, fe + wf * e, ff + wf * f
+        x, y, z = s.x[i], s.y[i], s.z[i]
+        xx, yx, yy, zx, zy, zz = e.xx[i], e.yx[i], e.yy[i], e.zx[i], e.zy[i], e.zz[i]
+        xa, ya, za = y * zx - z * yx, z * xx - x * zx, x * yx - y * xx  # point x columns
+        xb, yb, zb = y * zy - z * yy, z * yx - x * zy, x * yy - y * yx
+        xc, yc, zc = y * zz - z * zy, z * zx - x * zz, x * zy - y * zx
+        aa, ba, bb, ca, cb, cc = aa + xx, ba + yx, bb + yy, ca + zx, cb + zy, cc + zz
+        da, db, dc, ea, eb, ec = da + xa, db + xb, dc + xc, ea + ya, eb + yb, ec + yc
+        fa, fb, fc, dd = fa + za, fb + zb, fc + zc, dd + (y * xc - z * xb)
+        ed, ee = ed + (y * yc - z * yb), ee + (z * ya - x * yc)
+        fd, fe, ff = fd + (y * zc - z * zb), fe + (z * za - x * zc), ff + (x * zb - y * za)
     sums = (
         aa, ba, bb, ca, cb, cc, da, db, dc, dd, ea, eb, ec, ed, ee, fa, fb, fc, fd, fe, ff
     )  # fmt: skip
@@ -335,45 +337,6 @@ def add_squares(surface, ax, ay, az, weights, factor, damping_out):
         for j in range(i + 1):
             damping_out[i, j] += factor * sums[k]
             k += 1
-
-
-@summing_kernel
-def add_rub(surface, weights, factor, damping_out):
-    """Add factor * sum of weight B^T B to the lower triangle of damping (6, 6), where B takes a
-    hull's velocity (6,) to the velocity of an element's point."""
-    p = surface
-    s, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
-    xx, yx, yy, zx, zy, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(ELEMENTS):
-        w, x, y, z = weights[i], p.x[i], p.y[i], p.z[i]
-        wx, wy, wz = w * x, w * y, w * z
-        s, sx, sy, sz = s + w, sx + wx, sy + wy, sz + wz
-        xx, yx, yy = xx + wx * x, yx + wy * x, yy + wy * y
-        zx, zy, zz = zx + wz * x, zy + wz * y, zz + wz * z
-    for i in range(3):
-        damping_out[i, i] += factor * s
-    damping_out[3, 1] -= factor * sz
-    damping_out[3, 2] += factor * sy
-    damping_out[4, 0] += factor * sz
-    damping_out[4, 2] -= factor * sx
-    damping_out[5, 0] -= factor * sy
-    damping_out[5, 1] += factor * sx
-    damping_out[3, 3] += factor * (yy + zz)
-    damping_out[4, 4] += factor * (xx + zz)
-    damping_out[5, 5] += factor * (xx + yy)
-    damping_out[4, 3] -= factor * yx
-    damping_out[5, 3] -= factor * zx
-    damping_out[5, 4] -= factor * zy
-
-
-@kernel
-def add_damping(surface, strength, work, factor, damping_out):
-    """Add factor * - d wrench / d velocity to the lower triangle of damping (6, 6)."""
-    s, e = surface, work[0]
-    add_squares(s, s.normal_x, s.normal_y, s.normal_z, e.across, factor, damping_out)
-    if strength.friction > 0.0:
-        add_squares(s, e.skin_x, e.skin_y, e.skin_z, e.along, factor, damping_out)
-        add_rub(s, e.rub, factor, damping_out)
 
 
 @kernel
@@ -392,7 +355,7 @@ def add_hull_drag(surface, strength, factor, work, wrench_out, damping_out):
     velocities."""
     element_forces(surface, strength, work)
     add_forces(surface, work, wrench_out)
-    add_damping(surface, strength, work, factor, damping_out)
+    add_damping(surface, work, factor, damping_out)
 
 
 @kernel

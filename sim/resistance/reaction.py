@@ -292,7 +292,7 @@ def reaction_in(probed, probes, level, hull, surface, pose, factor, ahead, react
 
     probed (QUANTITIES, ELEMENTS): the water at its PROBE rows; level: the still level [m]; factor:
     multiplies the damping in the matrix; ahead: see `add_added_mass`. Return the submerged
-    fraction.
+    fraction, if anything depends on it.
     """
     r, strength = reaction_out[0], hull.strength
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
@@ -301,15 +301,17 @@ def reaction_in(probed, probes, level, hull, surface, pose, factor, ahead, react
     if area == 0.0:
         return 0.0
     relative_velocities(surface, pose.rotation, r.velocity, motion, work)
-    fraction, growth = 1.0, 0.0
-    if area < (1.0 - 1e-12) * strength.area:
-        fraction = submerged_fraction(surface, strength.volume, pose.rotation, work)
-        growth = submersion_rate(
-            surface, strength.volume, fraction, pose.rotation, r.velocity, work
-        )
     if hull.has_drag:
         add_hull_drag(surface, strength, factor, work, r.drag[:], r.matrix[:])
-    if hull.has_added_mass or hull.has_damping or hull.has_quadratic:
+    has_matrix = hull.has_added_mass or hull.has_damping or hull.has_quadratic
+    fraction, growth = 1.0, 0.0
+    if (has_matrix or hull.rate > 0.0) and area < (1.0 - 1e-12) * strength.area:
+        fraction = submerged_fraction(surface, strength.volume, pose.rotation, work)
+        if hull.has_added_mass:
+            growth = submersion_rate(
+                surface, strength.volume, fraction, pose.rotation, r.velocity, work
+            )
+    if has_matrix:
         lower = scratch((6, 6))
         fit_matrix(surface, work, lower)
         fit_motion(surface, pose.rotation, work, lower, motion, r.water)

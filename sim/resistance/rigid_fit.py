@@ -18,7 +18,6 @@ small bodies.
 import numpy as np
 
 from sim.kernels import kernel, summing_kernel
-from sim.resistance.drag import add_squares
 from sim.resistance.elements import ELEMENTS
 
 MEAN_VELOCITY_SHARE = 1e-3
@@ -51,6 +50,35 @@ def solve(lower, vector):
 
 
 @summing_kernel
+def flow_squares(surface, work, lower_out):
+    """Set the lower triangle (6, 6) of the sum of wet area b b^T, where b = (n, point x n) takes a
+    rigid motion to its flow through an element."""
+    p, q = surface, work[0]
+    aa, ba, bb, ca, cb, cc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    da, db, dc, dd, ea, eb, ec, ed, ee = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    fa, fb, fc, fd, fe, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(ELEMENTS):
+        w, a, b, c = q.wet[i], p.normal_x[i], p.normal_y[i], p.normal_z[i]
+        x, y, z = p.x[i], p.y[i], p.z[i]
+        d, e, f = y * c - z * b, z * a - x * c, x * b - y * a
+        wa, wb, wc, wd, we, wf = w * a, w * b, w * c, w * d, w * e, w * f
+        aa, ba, bb = aa + wa * a, ba + wb * a, bb + wb * b
+        ca, cb, cc = ca + wc * a, cb + wc * b, cc + wc * c
+        da, db, dc, dd = da + wd * a, db + wd * b, dc + wd * c, dd + wd * d
+        ea, eb, ec, ed, ee = ea + we * a, eb + we * b, ec + we * c, ed + we * d, ee + we * e
+        fa, fb, fc = fa + wf * a, fb + wf * b, fc + wf * c
+        fd, fe, ff = fd + wf * d, fe + wf * e, ff + wf * f
+    sums = (
+        aa, ba, bb, ca, cb, cc, da, db, dc, dd, ea, eb, ec, ed, ee, fa, fb, fc, fd, fe, ff
+    )  # fmt: skip
+    k = 0
+    for i in range(6):
+        for j in range(i + 1):
+            lower_out[i, j] = sums[k]
+            k += 1
+
+
+@summing_kernel
 def fit_matrix(surface, work, lower_out):
     """Cholesky factor (6, 6) of the fit's normal equations, for elements with wet areas."""
     s, e, area, spread = surface, work[0], 0.0, 0.0
@@ -59,7 +87,7 @@ def fit_matrix(surface, work, lower_out):
         area += w
         spread += w * (x * x + y * y + z * z)
     lower_out[:] = 0.0
-    add_squares(s, s.normal_x, s.normal_y, s.normal_z, e.wet, 1.0, lower_out)
+    flow_squares(s, work, lower_out)
     for i in range(3):
         lower_out[i, i] += MEAN_VELOCITY_SHARE * area / 3.0
         lower_out[3 + i, 3 + i] += MEAN_VELOCITY_SHARE * spread / 3.0
