@@ -6,6 +6,7 @@ where only long waves are left: a bunny of 100 m and a semi-submersible.
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 from time import perf_counter
 from typing import Any
 
@@ -84,29 +85,30 @@ def ship_poses(count: int, seed: int = 0) -> list[Pose]:
 
 
 def ship_costs(
-    hull: Hull, counts: Sequence[int], heights: Sequence[float], seconds: float
-) -> Iterator[dict[str, Any]]:
-    """Yield a row per JONSWAP sea, for each count of waves and each significant height [m].
+    hull: Hull, counts: Sequence[int], heights: Sequence[float], seconds: float,
+    tolerances: Sequence[float | None] = (None,),
+) -> Iterator[dict[str, Any]]:  # fmt: skip
+    """Yield a row per JONSWAP sea, for each count of waves and each significant height [m], and per
+    tolerance [m] of patches.
 
     A row holds the seconds of preparation, the number of patches and their tolerance [m],
     microseconds per wrench of patches and of linear, and the largest force errors of both. Timing
     takes about `seconds` per sea.
     """
     poses, fine = ship_poses(POSE_COUNT), finer(hull)
-    for count in counts:
-        for height in heights:
-            sea = Sea.jonswap(height, PEAK_PERIOD, waves=count, seed=1)
-            started = perf_counter()
-            patches = Patches(hull, sea)
-            ready = perf_counter() - started
-            times = 1e6 * time_in_turns([Linear(hull, sea), patches], poses, seconds)
-            linear_us, us = times.min(axis=0).mean(axis=1)
-            truth = wrenches(Linear(fine, sea), poses)
-            linear = wrenches(Linear(hull, sea), poses)
-            yield {
-                "waves": count, "height": height, "ready_s": ready,
-                "patches": len(patches.tree.patches), "tolerance": patches.tolerance,
-                "us": float(us), "linear_us": float(linear_us),
-                "force_max": errors(wrenches(patches, poses), truth, patches).force_max,
-                "linear_force_max": errors(linear, truth, patches).force_max,
-            }  # fmt: skip
+    for count, height, tolerance in product(counts, heights, tolerances):
+        sea = Sea.jonswap(height, PEAK_PERIOD, waves=count, seed=1)
+        started = perf_counter()
+        patches = Patches(hull, sea, tolerance)
+        ready = perf_counter() - started
+        times = 1e6 * time_in_turns([Linear(hull, sea), patches], poses, seconds)
+        linear_us, us = times.min(axis=0).mean(axis=1)
+        truth = wrenches(Linear(fine, sea), poses)
+        linear = wrenches(Linear(hull, sea), poses)
+        yield {
+            "waves": count, "height": height, "ready_s": ready,
+            "patches": len(patches.tree.patches), "tolerance": patches.tolerance,
+            "us": float(us), "linear_us": float(linear_us),
+            "force_max": errors(wrenches(patches, poses), truth, patches).force_max,
+            "linear_force_max": errors(linear, truth, patches).force_max,
+        }  # fmt: skip

@@ -65,6 +65,9 @@ SHIP_WAVES, SHIP_HEIGHTS = (40, 200, 500), (2.4, 4.0)
 """Counts of waves and significant heights [m] of the seas of --ship. Hulls that reach far down are
 measured in the second count and the second height."""
 
+TALL_TOLERANCES = (None, 2.0)
+"""Tolerances [m] of these hulls: the default, and one with an error near that of `linear`."""
+
 METHODS = (
     "linear", "chord:1", "chord:4", "chord:16", "chord:4:crests",
     "patches:3e-2", "patches:1.5e-2", "patches:1e-2", "patches:6e-3", "patches",
@@ -376,7 +379,9 @@ def report_ship(options: argparse.Namespace) -> int:
     rows = [{"hull": "ship", **row} for row in costs]
     if not options.quick:
         for name, hull in tall_hulls(_load("bunny")).items():
-            costs = ship_costs(hull, SHIP_WAVES[1:2], SHIP_HEIGHTS[1:], options.seconds)
+            costs = ship_costs(
+                hull, SHIP_WAVES[1:2], SHIP_HEIGHTS[1:], options.seconds, TALL_TOLERANCES
+            )
             rows += [{"hull": name, **row} for row in costs]
     write_json(options.json, {"ship": rows})
     cells = [
