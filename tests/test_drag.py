@@ -10,6 +10,7 @@ from independent import DENSITY, GRAVITY, MODELS, ROUND_OFF, load_mesh, random_r
 from sim import Buoyancy, Drag, DragCoefficients, Hull, Scene, Sea, Wave, simulate
 from sim.resistance.drag import WORK
 from sim.resistance.elements import ELEMENTS, surface_elements
+from sim.resistance.reaction import hull_tables
 from sim.resistance.rigid_fit import MEAN_VELOCITY_SHARE, fit_matrix, fit_motion
 from sim.statics.equilibrium import Attitude, RigidFloat
 from sim.water.gerstner import LABELS, set_labels, solve_labels
@@ -972,6 +973,25 @@ def test_a_cube_at_rest_stays_there_with_drag_and_added_mass(integrator):
     *_, last = simulate(scene, 1.0)
     assert np.abs(last.positions).max() < 1e-13
     assert np.abs(scene.data.qvel).max() < 1e-13
+
+
+def test_equal_hulls_share_their_elements_and_probes():
+    """A hull's rows appear once, however many geoms have it and whatever their coefficients."""
+    cube, ball, sea = cube_hull(), ball_hull(), three_waves()
+    drags = [
+        Drag(hull, sea, DragCoefficients(form=form))
+        for hull, form in ((cube, 1.0), (ball, 1.0), (cube, 2.0), (ball, 3.0))
+    ]
+    hulls, surfaces, probes = hull_tables([(drag, drag.hull.volume) for drag in drags])
+    assert hulls["surface"].tolist() == [0, 1, 0, 1]
+    assert len(surfaces) == 2
+    assert len(probes) == len(drags[0].probes) + len(drags[1].probes)
+    forms = 0.25 * sea.density * np.array([1.0, 1.0, 2.0, 3.0])
+    np.testing.assert_allclose(hulls["strength"]["form"], forms, rtol=ROUND_OFF)
+    for row, drag in zip(hulls, drags, strict=True):
+        assert surfaces[row["surface"]] == drag.surface[0]
+        found = probes[row["first_probe"] : row["end_probe"]]
+        np.testing.assert_array_equal(found["share"], drag.probes["share"])
 
 
 @pytest.mark.parametrize("base", ["", '<joint type="slide" axis="1 0 0.5"/>', "<freejoint/>"])

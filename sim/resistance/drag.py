@@ -61,8 +61,9 @@ from sim.water.sea import Sea
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
 
-MOST_SHARED = 64
-"""Largest number of hulls whose tables are kept for further geoms with the same hull."""
+MOST_SHARED = 16
+"""Largest number of hulls whose tables are kept for further geoms with the same hull. They keep
+the hulls in memory."""
 
 STRENGTH = record(
     linear="f8", form="f8", friction="f8", fade="f8", area="f8", volume=("f8", 9),

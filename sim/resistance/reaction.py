@@ -292,7 +292,7 @@ def reaction_in(probed, probes, level, hull, surface, pose, factor, ahead, react
 
     probed (QUANTITIES, ELEMENTS): the water at its PROBE rows; level: the still level [m]; factor:
     multiplies the damping in the matrix; ahead: see `add_added_mass`. Return the submerged
-    fraction, if anything depends on it.
+    fraction; 1 for a wet hull if nothing depends on it.
     """
     r, strength = reaction_out[0], hull.strength
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0

@@ -89,8 +89,8 @@ CENTRE_SHIFT_RADII = 0.05
 The solve can then stop early, and patches are smaller by this share."""
 
 ROUGH_ERROR = 1e-4
-"""Error of the labels of rough heads, as a share of the highest crest. Their heads are ten times as
-accurate."""
+"""Largest error of the labels of rough heads, as a share of the highest crest. The heads are at
+least as accurate."""
 
 ROUGH_SHARE = 1e-3
 """Smallest error of jets that rough heads judge, as a share of the highest crest."""
