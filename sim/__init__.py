@@ -14,6 +14,7 @@ checks that:
     hulls/, water/            closed surfaces and their repair; waves and pressure
     notes                     warnings for the author of a scene
     geometry                  areas, volumes, rotations of triangles and bodies
+    precision                 kernels in single precision, from the same text
     kernels                   compilation of kernels, and the blocks of tables they read
     addresses                 arrays, functions and counters at addresses in memory
     platforms                 what Linux, macOS and Windows do differently

@@ -56,7 +56,7 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 CACHE_LINE = 64
 """Alignment [bytes] of the tables in a block, and so of each node and leaf of a tree."""
 
-MOST_TABLES = 10
+MOST_TABLES = 11
 """Largest number of tables in a block."""
 
 DIRECTORY = 16 * MOST_TABLES
@@ -127,6 +127,7 @@ def _compiled(function: Kernel, *liberties: str) -> Kernel:
     options: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
     dispatcher: Any = njit(fastmath=set(liberties), **options)(function)
     dispatcher._cache = _kept_code(function)
+    dispatcher.again = lambda other: _compiled(other, *liberties)
     return dispatcher
 
 
@@ -192,8 +193,11 @@ def summing_kernel(function: Kernel) -> Kernel:
     return _compiled(function, "contract", "reassoc")
 
 
-inline: Any = njit(inline="always")
-"""Compile a function into each kernel that calls it."""
+def inline(function: Callable[..., Any]) -> Any:
+    """Compile a function into each kernel that calls it."""
+    dispatcher: Any = njit(inline="always")(function)
+    dispatcher.again = inline
+    return dispatcher
 
 
 @contextmanager
@@ -221,9 +225,19 @@ class _Listener(event.Listener):
 
 
 def record(**fields: Any) -> np.dtype[np.void]:
-    """The type of a table's rows. Each field is a scalar type, or a scalar type and a shape."""
-    kinds = (kind if isinstance(kind, tuple) else (kind,) for kind in fields.values())
-    return np.dtype([(name, *kind) for name, kind in zip(fields, kinds, strict=True)], align=True)
+    """The type of a table's rows. Each field is a scalar type, or a scalar type and a shape. The
+    types "real" and "word" are "f8" and "i8" here, and "f4" and "i4" in `precision.single`."""
+    return record_of(fields, {"real": "f8", "word": "i8"})
+
+
+def record_of(fields: dict[str, Any], scalars: dict[str, str]) -> np.dtype[np.void]:
+    """The type of a table's rows, as in `record`, with other scalar types by name. The type keeps
+    the fields as they were given."""
+    rows = []
+    for name, given in fields.items():
+        kind, *shape = given if isinstance(given, tuple) else (given,)
+        rows.append((name, scalars.get(kind, kind) if isinstance(kind, str) else kind, *shape))
+    return np.dtype(rows, align=True, metadata={"fields": fields})  # type: ignore[call-overload]
 
 
 def packed(*tables: NDArray[Any]) -> NDArray[np.uint8]:
@@ -278,15 +292,17 @@ def workspace(typingctx, dtype):
     return kind(dtype), codegen
 
 
-def _scratch(is_zero: bool) -> Any:
-    """Make an intrinsic (shape) -> array of doubles on the stack. The shape, an integer or a tuple,
+def stack_array(is_zero: bool = False, is_single: bool = False) -> Any:
+    """Make an intrinsic (shape) -> array of numbers on the stack. The shape, an integer or a tuple,
     is known to the compiler."""
+
+    real = types.float32 if is_single else types.float64
 
     @typed_intrinsic(prefer_literal=True)
     def scratch_array(typingctx, shape):
         sizes: Any = shape if isinstance(shape, types.BaseTuple) else (shape,)
         lengths = [size.literal_value for size in sizes]
-        kind = types.Array(types.float64, len(lengths), "C")
+        kind = types.Array(real, len(lengths), "C")
 
         def codegen(context, builder, signature, args):
             return _on_stack(context, builder, kind, lengths, is_zero)
@@ -296,10 +312,10 @@ def _scratch(is_zero: bool) -> Any:
     return scratch_array
 
 
-scratch = _scratch(is_zero=False)
+scratch = stack_array()
 """An array of doubles, not set, on the stack."""
 
-scratch_zeros = _scratch(is_zero=True)
+scratch_zeros = stack_array(is_zero=True)
 """An array of zeros on the stack."""
 
 

@@ -13,7 +13,7 @@ from sim import Chord, Hull, Linear, Note, Patches, Reference, Sea, Wave
 from sim.mjcf.sea_fields import fields_of
 from sim.recording.sea_surface import SeaSurface
 from sim.water.gerstner import LABELS, set_labels
-from sim.water.head_jets import HEAD_JET, solve_head_jets
+from sim.water.head_jets import HEAD_JETS, solve_head_jets
 from sim.water.jets import near_particles
 from sim.water.motion import ACCELERATION, MOTION, VELOCITY, water_motion
 from sim.water.records import read_components, read_record
@@ -35,11 +35,11 @@ WAVES = (Wave(0.08, 5.0, 0.2, 0.5), Wave(0.04, 3.0, 1.3, 2.0), Wave(0.02, 1.7, -
 ROUND_OFF = 1e-12
 
 
-def jet_at(sea: Sea, x: float, y: float, z: float, time: float) -> np.void:
+def jet_at(sea: Sea, x: float, y: float, z: float, time: float) -> dict[str, float]:
     x, y, above = np.array([[x], [y], [z - sea.level]])
-    near, jets = near_particles(x, y, sea.components, time, 1, 1e-14), np.empty(1, HEAD_JET)
+    near, jets = near_particles(x, y, sea.components, time, 1, 1e-14), np.empty(1, HEAD_JETS)
     solve_head_jets(x, y, above, near, sea.components, time, 1e-14, 0.0, jets)
-    return jets[0]
+    return {name: float(jets[name][0, 0]) for name in HEAD_JETS.names}
 
 
 def motion_at(order: np.int64, sea: Sea, labels: np.ndarray, depths: np.ndarray, time: float):
@@ -82,7 +82,7 @@ def test_the_deep_limit(phase):
     x, z = np.linspace(0.0, 6.0, 20), np.linspace(0.2, -6.0, 20)
     np.testing.assert_allclose(sea.head(x, 0.0, z, 1.0), deep.head(x, 0.0, z, 1.0), atol=ROUND_OFF)
     for at in zip(x, z, strict=True):
-        jets = (jet_at(water, at[0], 0.0, at[1], 1.0).tolist() for water in (sea, deep))
+        jets = ([*jet_at(water, at[0], 0.0, at[1], 1.0).values()] for water in (sea, deep))
         np.testing.assert_allclose(*jets, atol=ROUND_OFF)
     labels, depths = np.stack([x, x], axis=1), np.abs(z)
     for order in (VELOCITY, ACCELERATION):
@@ -141,7 +141,7 @@ def test_jets_are_the_derivatives_of_the_head():
         assert jet["h"] == pytest.approx(float(sea.head(*point, time)), abs=ROUND_OFF)
         for axis, unit in zip("xyz", step * np.eye(3), strict=True):
             ahead, behind = (jet_at(sea, *(point + s * unit), time) for s in (1.0, -1.0))
-            for name in HEAD_JET.names[:10]:
+            for name in HEAD_JETS.names[:10]:
                 derivative = (ahead[name] - behind[name]) / (2.0 * step)
                 full = "".join(sorted(name.strip("h") + axis))
                 assert derivative == pytest.approx(jet[full], abs=finite_differences)

@@ -15,7 +15,7 @@ from independent import (
     three_waves,
 )
 from sim import Chord, Hull, Linear, Patches, Reference, Scene, Sea, Wave, simulate
-from sim.water.head_jets import HEAD_JET, solve_head_jets
+from sim.water.head_jets import HEAD_JETS, solve_head_jets
 from sim.water.jets import near_particles
 
 DEGREE = np.pi / 180.0
@@ -43,17 +43,18 @@ def test_known_heads():
     sea = decaying(*CUBE_WAVES)
     for (x, y, z), (head, gradient) in known.items():
         assert sea.head(x, y, z, 1.5) == pytest.approx(head, abs=1e-12)
-        jet = head_jets(sea, np.array([[x, y, z]]), 1.5)[0]
-        np.testing.assert_allclose([jet["x"], jet["y"], jet["z"]], gradient, atol=5e-10)
+        jets = head_jets(sea, np.array([[x, y, z]]), 1.5)
+        np.testing.assert_allclose([jets[axis][0] for axis in "xyz"], gradient, atol=5e-10)
     assert sea.head(3.0, 1.0, -1.2, 1.5) == pytest.approx(1.169424613093, abs=1e-12)
 
 
-def head_jets(sea: Sea, points: np.ndarray, time: float) -> np.ndarray:
+def head_jets(sea: Sea, points: np.ndarray, time: float) -> dict[str, np.ndarray]:
+    """The fields (N,) of HEAD_JETS at up to a chunk of points."""
     x, y, z = points.T.copy()
-    jets = np.empty(len(points), HEAD_JET)
+    jets = np.empty(1, HEAD_JETS)
     near = near_particles(x, y, sea.components, time, 1, 1e-14)
     solve_head_jets(x, y, z - sea.level, near, sea.components, time, 1e-14, 0.0, jets)
-    return jets
+    return {name: jets[name][0, : len(points)] for name in HEAD_JETS.names}
 
 
 def exact_head(wave: Wave, x: float, z: float) -> float:
@@ -143,7 +144,7 @@ def test_jets_are_the_derivatives_of_the_head():
     jets = head_jets(sea, points, 0.7)
     np.testing.assert_allclose(jets["h"], sea.head(*points.T, 0.7), atol=1e-13)
     finite_differences = 2e-7
-    for name in HEAD_JET.names[:10]:
+    for name in HEAD_JETS.names[:10]:
         for axis, unit in zip("xyz", np.eye(3), strict=True):
             ahead, behind = (head_jets(sea, points + s * step * unit, 0.7) for s in (1.0, -1.0))
             derivative = (ahead[name] - behind[name]) / (2.0 * step)

@@ -70,8 +70,9 @@ class Context:
         responding = {response.body for response in self.responses}
         float_tables = _float_tables(model, floats, responding)
         self._block = packed(
-            *float_tables, hulls, surfaces, sea.components, sea.water, _part_table(self._parts),
-            _picture_table(what), probes,
+            *float_tables, hulls.astype(native.SINGLE_HULL), surfaces.astype(native.SINGLE_SURFACE),
+            sea.components, sea.water, _part_table(self._parts), _picture_table(what),
+            probes.astype(native.SINGLE_PROBE), sea.components.astype(native.SINGLE_WAVE),
         )  # fmt: skip
         self._responses, self._memory_size = np.empty(0, np.uint8), 0
         if self.responses:

@@ -35,12 +35,16 @@ from sim.geometry import cross
 from sim.kernels import c_function, c_query, inline, kernel, record, scratch, table, workspace
 from sim.methods.method import is_known
 from sim.plugin.layout import LAYOUT
+from sim.precision import single
 from sim.resistance.elements import SURFACE, Pose
 from sim.resistance.probes import PROBE, Flow
 from sim.resistance.reaction import HULL, REACTION, hull_reaction
 from sim.water.gerstner import WATER, WAVE
 
 Array = NDArray[np.float64]
+
+SINGLE_HULL, SINGLE_SURFACE, SINGLE_PROBE, SINGLE_WAVE = map(single, (HULL, SURFACE, PROBE, WAVE))
+single_hull_reaction = single(hull_reaction)
 
 CONTEXT = record(
     bodies="i8", geoms="i8", freedoms="i8", matrix="i8", hulls="i8", own="i8", block="i8",
@@ -51,14 +55,13 @@ CONTEXT = record(
 """The data that a call needs about a model.
 
 bodies, geoms, freedoms, matrix: numbers of bodies, geoms, degrees of freedom and entries of M.
-hulls: number of hulls. own: address of this record. block, block_size: block of the tables FLOAT,
-BODY, LINK, HULL, SURFACE, WAVE, WATER, PART, PICTURE and PROBE. push, act, resist: functions that
-compute the hulls' wrenches, do a step's work and add resistance (0 if there is none). make_inertia,
-factor_inertia, release: MuJoCo's functions that make M, factorise M and free memory. homes: number
-of homes that use the context. fields, field_count: FIELD rows. respond: function that adds the
-responses of bodies (0 if there are none; see `response`). responses, responses_size: block of their
-tables. memory_start, memory_size: index and number of their numbers in the plugin's states. layout:
-MuJoCo's layout."""
+hulls: number of hulls. own: address of this record. block, block_size: block of the Tables. push,
+act, resist: functions that compute the hulls' wrenches, do a step's work and add resistance (0 if
+there is none). make_inertia, factor_inertia, release: MuJoCo's functions that make M, factorise M
+and free memory. homes: number of homes that use the context. fields, field_count: FIELD rows.
+respond: function that adds the responses of bodies (0 if there are none; see `response`).
+responses, responses_size: block of their tables. memory_start, memory_size: index and number of
+their numbers in the plugin's states. layout: MuJoCo's layout."""
 
 HOME = record(
     context="i8", content="i8", memories="i8", refused="i8", calls="i8", nanoseconds="i8",
@@ -172,7 +175,7 @@ PANEL_CODE = tuple(b"hyd")
 
 class Tables(NamedTuple):
     """Tables of a context's block: FLOAT, BODY, LINK, HULL, SURFACE, WAVE, WATER, PART, PICTURE,
-    PROBE."""
+    PROBE. Those of drag, HULL, SURFACE, PROBE and the waves once more, are in single precision."""
 
     floats: NDArray[np.void]
     bodies: NDArray[np.void]
@@ -184,6 +187,7 @@ class Tables(NamedTuple):
     parts: NDArray[np.void]
     picture: NDArray[np.void]
     probes: NDArray[np.void]
+    single_waves: NDArray[np.void]
 
 
 class State(NamedTuple):
@@ -221,9 +225,10 @@ def block_at(address, size):
 def tables_of(context):
     block = block_at(context.block, context.block_size)
     return Tables(
-        table(block, 0, FLOAT), table(block, 1, BODY), table(block, 2, LINK), table(block, 3, HULL),
-        table(block, 4, SURFACE), table(block, 5, WAVE), table(block, 6, WATER),
-        table(block, 7, PART), table(block, 8, PICTURE), table(block, 9, PROBE),
+        table(block, 0, FLOAT), table(block, 1, BODY), table(block, 2, LINK),
+        table(block, 3, SINGLE_HULL), table(block, 4, SINGLE_SURFACE), table(block, 5, WAVE),
+        table(block, 6, WATER), table(block, 7, PART), table(block, 8, PICTURE),
+        table(block, 9, SINGLE_PROBE), table(block, 10, SINGLE_WAVE),
     )  # fmt: skip
 
 
@@ -480,10 +485,10 @@ def react(step, body, pose, number, reaction_out):
     timestep = float_at(step.model + layout.timestep)
     is_rk4 = integer_at(step.model + layout.integrator) == RK4
     ahead = 0.0 if is_rk4 else 0.5 * timestep
-    flow = Flow(tables.waves, tables.water, float_at(step.data + layout.time))
+    flow = Flow(tables.single_waves, tables.water, float_at(step.data + layout.time))
     set_motion(step, body, pose, reaction_out)
     hull = tables.hulls[number]
-    fraction = hull_reaction(
+    fraction = single_hull_reaction(
         hull, tables.surfaces, tables.probes, flow, pose, timestep, ahead, reaction_out
     )
     return fraction * hull.rate

@@ -33,18 +33,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.geometry import cross
 from sim.hulls.hull import Hull
-from sim.kernels import (
-    inline,
-    kernel,
-    read_only,
-    record,
-    scratch,
-    scratch_zeros,
-    summing_kernel,
-    workspace,
-)
+from sim.kernels import inline, kernel, read_only, record, scratch_zeros, summing_kernel, workspace
+from sim.precision import real, reals
 from sim.resistance.added_mass import added_mass_matrix, damping_matrix, gripped_axes, wet_reach
-from sim.resistance.elements import ELEMENTS, ROW, Pose, enclosed_volume, surface_elements
+from sim.resistance.elements import (
+    ELEMENTS,
+    ROW,
+    Pose,
+    enclosed_volume,
+    nine,
+    surface_elements,
+    upwards,
+)
 from sim.resistance.probes import (
     QUANTITIES,
     Flow,
@@ -66,7 +66,7 @@ MOST_SHARED = 16
 the hulls in memory."""
 
 STRENGTH = record(
-    linear="f8", form="f8", friction="f8", fade="f8", area="f8", volume=("f8", 9),
+    linear="real", form="real", friction="real", fade="real", area="real", volume=("real", 9),
     residual="f8", steps="i8",
 )  # fmt: skip
 """The constants of a hull's drag.
@@ -197,8 +197,8 @@ class Drag:
 def wet_areas(surface, level, pose, work):
     """Depths and wet areas of the elements, from the heights of the water above the level [m].
     Return the sum of the wet areas."""
-    s, e, total, above = surface, work[0], 0.0, pose.position[2] - level
-    ux, uy, uz = pose.rotation[6], pose.rotation[7], pose.rotation[8]
+    s, e, total, above = surface, work[0], 0.0, real(pose.position[2] - level)
+    ux, uy, uz = upwards(pose.rotation)
     for i in range(ELEMENTS):
         below = depth(e.height[i], above + ux * s.x[i] + uy * s.y[i] + uz * s.z[i])
         # the wet share rises gradually over the element's size, so that no force jumps
@@ -224,7 +224,8 @@ def along(matrix, x, y, z):
 def submerged_fraction(surface, volume, rotation, work):
     """The share of the hull below the surface: the integral of the depth over the elements' area
     vectors, divided by its value for the fully submerged hull."""
-    s, e, x, y, z, sunk = surface, work[0], rotation[6], rotation[7], rotation[8], 0.0
+    s, e, sunk = surface, work[0], 0.0
+    x, y, z = upwards(rotation)
     for i in range(ELEMENTS):
         up = x * s.normal_x[i] + y * s.normal_y[i] + z * s.normal_z[i]
         sunk -= up * s.flat[i] * e.sunk[i]
@@ -236,8 +237,10 @@ def submerged_fraction(surface, volume, rotation, work):
 def submersion_rate(surface, volume, fraction, rotation, velocity, work):
     """Time derivative [1/s] of the submerged fraction, from the velocity (6,) of the hull in its
     own axes and the velocities of the elements relative to the water."""
-    s, e, x, y, z, rate = surface, work[0], rotation[6], rotation[7], rotation[8], 0.0
-    tx, ty, tz = cross(x, y, z, velocity[3], velocity[4], velocity[5])  # the vertical's rate
+    s, e, rate = surface, work[0], 0.0
+    x, y, z = upwards(rotation)
+    wx, wy, wz = real(velocity[3]), real(velocity[4]), real(velocity[5])
+    tx, ty, tz = cross(x, y, z, wx, wy, wz)  # the vertical's rate
     for i in range(ELEMENTS):
         nx, ny, nz = s.normal_x[i], s.normal_y[i], s.normal_z[i]
         up, turning = x * nx + y * ny + z * nz, tx * nx + ty * ny + tz * nz
@@ -254,8 +257,9 @@ def relative_velocities(surface, rotation, velocity, motion, work):
     """Velocities of the elements relative to the water, in the hull's axes. velocity: (6,), of the
     hull in its own axes; motion: the water's velocities, a MOTION in world axes."""
     s, e, water = surface, work[0], motion[0]
-    vx, vy, vz, wx, wy, wz = velocity
-    ax, ay, az, bx, by, bz, cx, cy, cz = rotation
+    vx, vy, vz = real(velocity[0]), real(velocity[1]), real(velocity[2])
+    wx, wy, wz = real(velocity[3]), real(velocity[4]), real(velocity[5])
+    ax, ay, az, bx, by, bz, cx, cy, cz = nine(rotation)
     for i in range(ELEMENTS):
         sx, sy, sz = water.x[i], water.y[i], water.z[i]
         x, y, z = cross(wx, wy, wz, s.x[i], s.y[i], s.z[i])
@@ -363,7 +367,7 @@ def add_hull_drag(surface, strength, factor, work, wrench_out, damping_out):
 def write_drag(surface, strength, probes, flow, position, rotation, velocity, wrench_out):
     """Compute the drag (6,) of one hull, in the axes of its frame."""
     pose, damping = Pose(position, rotation), scratch_zeros((6, 6))
-    work, motion, probed = workspace(WORK), workspace(MOTION), scratch((QUANTITIES, ELEMENTS))
+    work, motion, probed = workspace(WORK), workspace(MOTION), reals((QUANTITIES, ELEMENTS))
     wrench_out[:] = 0.0
     probe_hull(surface[0], strength[0], probes, flow, pose, False, probed)
     level, _ = level_and_rise(flow.water[0], flow.time)

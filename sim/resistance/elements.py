@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from sim.geometry import area_vectors, areas, split_triangles
 from sim.hulls.hull import Hull
-from sim.kernels import read_only, record
+from sim.kernels import inline, read_only, record
+from sim.precision import real
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -22,7 +23,7 @@ MOST_PIECES = 1_000_000
 """Maximum number of triangles into which faces are split before they are gathered. A few hundred
 suffice."""
 
-ROW = ("f8", ELEMENTS)
+ROW = ("real", ELEMENTS)
 
 SURFACE = record(
     x=ROW, y=ROW, z=ROW, normal_x=ROW, normal_y=ROW, normal_z=ROW, area=ROW, radius=ROW, flat=ROW
@@ -40,6 +41,22 @@ class Pose(NamedTuple):
 
     position: Array
     rotation: Array
+
+
+@inline
+def nine(rotation):
+    """The entries of a matrix (9,)."""
+    r = rotation
+    return (
+        real(r[0]), real(r[1]), real(r[2]), real(r[3]), real(r[4]), real(r[5]), real(r[6]),
+        real(r[7]), real(r[8]),
+    )  # fmt: skip
+
+
+@inline
+def upwards(rotation):
+    """The vertical in the frame of a rotation (9,)."""
+    return real(rotation[6]), real(rotation[7]), real(rotation[8])
 
 
 def surface_elements(hull: Hull, count: int = ELEMENTS) -> Table:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from sim.geometry import placed, random_rotation
 from sim.kernels import inline, kernel, read_only, record, scratch, workspace
+from sim.precision import reals
 from sim.resistance.elements import ELEMENTS, ROW, Pose
 from sim.water.gerstner import LABELS, LANES, level_and_rise, set_labels, solve_labels
 from sim.water.head import depth
@@ -210,7 +211,7 @@ def probe_water(x, y, z, strength, flow, is_reflected, has_acceleration, probed_
     is_reflected: whether points above the surface have its reflected motion, and not the motion at
     the surface."""
     guess, labels, motion = workspace(LABELS), workspace(LABELS), workspace(MOTION)
-    heights, depths, residual = scratch(ELEMENTS), scratch(ELEMENTS), strength.residual
+    heights, depths, residual = scratch(ELEMENTS), reals(ELEMENTS), strength.residual
     found, below, time = heights[: x.size], depths[: x.size], flow.time
     set_labels(x, y, guess)
     solve_labels(x, y, guess, flow.waves, time, residual, strength.steps, found, labels)
@@ -283,5 +284,5 @@ def spread_velocities(probed, probes, heights_out, motion_out):
 @kernel
 def spread_accelerations(probed, probes, motion_out):
     """Accelerations of the water at all elements, a MOTION."""
-    v, others = motion_out[0], scratch(ELEMENTS)
+    v, others = motion_out[0], reals(ELEMENTS)
     spread(VELOCITIES + 2, probed, probes, others, v.x[:], v.y[:], v.z[:])

@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 
 from sim.geometry import cross
 from sim.kernels import kernel, record, scratch, scratch_zeros, workspace
+from sim.precision import reals
 from sim.resistance.drag import (
     STRENGTH,
     WORK,
@@ -279,7 +280,7 @@ def add_quadratic_damping(fraction, factor, hull, reaction_out):
 def hull_reaction(hull, surfaces, probes, flow, pose, factor, ahead, reaction_out):
     """Compute a hull's reaction in a flow. See `reaction_in`."""
     surface, own = surfaces[hull.surface], probes[hull.first_probe : hull.end_probe]
-    probed = scratch((QUANTITIES, ELEMENTS))
+    probed = reals((QUANTITIES, ELEMENTS))
     probe_hull(surface, hull.strength, own, flow, pose, hull.has_added_mass != 0, probed)
     level, _ = level_and_rise(flow.water[0], flow.time)
     return reaction_in(probed, own, level, hull, surface, pose, factor, ahead, reaction_out)

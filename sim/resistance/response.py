@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.kernels import kernel, record, scratch, workspace
+from sim.precision import reals
 from sim.resistance.diffraction import Scattering
 from sim.resistance.drag import (
     STRENGTH,
@@ -95,7 +96,7 @@ def hull_wetness(hull, surfaces, probes, flow, pose, velocity, with_water, fit_o
     water around it, in its axes (see `rigid_fit`).
     """
     surface, strength = surfaces[hull.surface], hull.strength
-    own, probed = probes[hull.first_probe : hull.end_probe], scratch((QUANTITIES, ELEMENTS))
+    own, probed = probes[hull.first_probe : hull.end_probe], reals((QUANTITIES, ELEMENTS))
     work, motion = workspace(WORK), workspace(MOTION)
     fit_out[:] = 0.0
     probe_hull(surface, strength, own, flow, pose, False, probed)

@@ -18,7 +18,7 @@ small bodies.
 import numpy as np
 
 from sim.kernels import kernel, summing_kernel
-from sim.resistance.elements import ELEMENTS
+from sim.resistance.elements import ELEMENTS, nine
 
 MEAN_VELOCITY_SHARE = 1e-3
 """Weight of the water's mean velocity in the fit, as a share of the weight of the wet surface."""
@@ -97,17 +97,14 @@ def fit_matrix(surface, work, lower_out):
 @summing_kernel
 def mean_motion(rotation, work, motion):
     """Mean of a MOTION of the water over the wet areas, in the axes of a rotation (9,)."""
-    e, water, r = work[0], motion[0], rotation
+    e, water = work[0], motion[0]
     area, x, y, z = 0.0, 0.0, 0.0, 0.0
     for i in range(ELEMENTS):
         w = e.wet[i]
         area, x, y, z = area + w, x + w * water.x[i], y + w * water.y[i], z + w * water.z[i]
     x, y, z = x / area, y / area, z / area
-    return (
-        r[0] * x + r[3] * y + r[6] * z,
-        r[1] * x + r[4] * y + r[7] * z,
-        r[2] * x + r[5] * y + r[8] * z,
-    )
+    ax, ay, az, bx, by, bz, cx, cy, cz = nine(rotation)
+    return ax * x + bx * y + cx * z, ay * x + by * y + cy * z, az * x + bz * y + cz * z
 
 
 @summing_kernel
@@ -115,7 +112,7 @@ def fit_motion(surface, rotation, work, lower, motion, fit_out):
     """The rigid motion (6,) closest to a MOTION of the water, in the hull's axes: linear at the
     hull's origin, then angular. lower: from `fit_matrix`."""
     s, e, water = surface, work[0], motion[0]
-    ax, ay, az, bx, by, bz, cx, cy, cz = rotation
+    ax, ay, az, bx, by, bz, cx, cy, cz = nine(rotation)
     mx, my, mz = mean_motion(rotation, work, motion)
     fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(ELEMENTS):

@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.kernels import inline, kernel, record, workspace
+from sim.precision import real
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
@@ -61,15 +62,16 @@ LANES = 8
 """Chunks are filled up to a multiple of this number of points. The remainder of a vectorised loop
 would run point by point, at eight times the cost."""
 
-ROW = ("f8", CHUNK)
+ROW, REALS = ("f8", CHUNK), ("real", CHUNK)
 
 ONE = np.int64(1)
 """For kernels that take a count: they would be compiled once more for Python's 1."""
 
 WAVE = record(
     turns_x="f8", turns_y="f8", turns="f8", frequency="f8",
-    amplitude="f8", wavenumber="f8", direction_x="f8", direction_y="f8",
-    ka="f8", kka="f8", kkka="f8", rate="f8", rise="f8", tanh="f8", stretch="f8", bed="f8",
+    amplitude="real", wavenumber="real", direction_x="real", direction_y="real",
+    ka="real", kka="real", kkka="real", rate="real", rise="f8", tanh="real", stretch="real",
+    bed="real",
 )  # fmt: skip
 """A wave as kernels read it.
 
@@ -101,9 +103,13 @@ tide_level [m].
 LABELS = record(x=ROW, y=ROW, residual=ROW)
 """Workspace: labels of a chunk's points, and the squared residual [m^2] before the last step."""
 
-SUMS = record(x=ROW, y=ROW, z=ROW, z_x=ROW, z_y=ROW, x_x=ROW, x_y=ROW, y_y=ROW)
+SUMS = record(
+    x=REALS, y=REALS, z=REALS, z_x=REALS, z_y=REALS, x_x=REALS, x_y=REALS, y_y=REALS,
+    rest_x=REALS, rest_y=REALS, sine=REALS, cosine=REALS,
+)  # fmt: skip
 """Workspace: sums over the waves at a chunk's labels. x, y: offset of the particle from its label;
-z: its height above the level; the other fields: derivatives of these by the label."""
+z: its height above the level; z_x to y_y: derivatives of these by the label; rest_x, rest_y: from
+the particle to the point that it was solved for; sine, cosine: of the phase of one wave."""
 
 # sin(2 pi u) = u * sum SINE[i] u^2i and cos(2 pi u) = sum COSINE[i] u^2i on |u| <= 1/4, fitted
 # at Chebyshev nodes with 60 digits; the error of the fit is below 4e-18.
@@ -202,7 +208,7 @@ smooth_step = inline(smooth)
 @inline
 def growth(wave, time):
     """The share of its amplitude that a wave has at a time."""
-    return 1.0 if wave.rise == 0.0 else smooth_step(min(max(wave.rise * time, 0.0), 1.0))
+    return real(1.0 if wave.rise == 0.0 else smooth_step(min(max(wave.rise * time, 0.0), 1.0)))
 
 
 @inline
@@ -243,6 +249,15 @@ def add_wave(p, i, s, c, a, ka, dx, dy, wide_x, wide_y):
     p.y_y[i] -= wide_y * dy * ka * s
 
 
+@inline
+def set_phases(p, count, turns_x, turns_y, turns, at):
+    """Set `cosine` to the phases of a wave at the first `count` labels, in turns from -1/2 to 1/2.
+    Single precision is enough for these."""
+    for i in range(count):
+        phase = turns_x * at.x[i] + turns_y * at.y[i] + turns
+        p.cosine[i] = phase - np.floor(phase + 0.5)
+
+
 @kernel
 def wave_sums(count, waves, time, labels, sums_out):
     """Compute the SUMS at the first `count` LABELS. The loop over waves is the outer one, so that
@@ -256,8 +271,9 @@ def wave_sums(count, waves, time, labels, sums_out):
         part = growth(wave, time)
         a, ka, dx, dy = part * wave.amplitude, part * wave.ka, wave.direction_x, wave.direction_y
         wide_x, wide_y = wave.stretch * dx, wave.stretch * dy
+        set_phases(p, count, turns_x, turns_y, turns, at)
         for i in range(count):
-            s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
+            s, c = sine_cosine(p.cosine[i])
             add_wave(p, i, s, c, a, ka, dx, dy, wide_x, wide_y)
 
 

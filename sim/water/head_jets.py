@@ -29,8 +29,8 @@ from sim.kernels import inline, kernel, record, scratch, workspace
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
-    LANES,
     ONE,
+    REALS,
     ROW,
     SUMS,
     bed_decays,
@@ -49,28 +49,29 @@ from sim.water.jets import (
     add_wave_jet,
     clear_higher,
     first_derivatives,
-    largest_residual,
     limit_squeeze,
     second_derivatives,
-    shifted,
+    set_rests,
+    shift_surface,
     third_derivatives,
 )
 
-HEAD_JET = record(
-    h="f8", x="f8", y="f8", z="f8", xx="f8", xy="f8", yy="f8", xz="f8", yz="f8", zz="f8",
-    xxx="f8", xxy="f8", xyy="f8", yyy="f8", xxz="f8", xyz="f8", yyz="f8",
-    xzz="f8", yzz="f8", zzz="f8",
+HEAD_JETS = record(
+    h=ROW, x=REALS, y=REALS, z=REALS, xx=REALS, xy=REALS, yy=REALS, xz=REALS, yz=REALS, zz=REALS,
+    xxx=REALS, xxy=REALS, xyy=REALS, yyy=REALS, xxz=REALS, xyz=REALS, yyz=REALS,
+    xzz=REALS, yzz=REALS, zzz=REALS,
 )  # fmt: skip
-"""The head [m] at a point and its derivatives there."""
+"""The heads [m] at a chunk's points and their derivatives there. Deep down heads are much larger
+than their differences over a hull, so they are double."""
 
 DECAYED = record(
-    s=ROW, lost=ROW, x=ROW, y=ROW, s_1=ROW, xx=ROW, xy=ROW, yy=ROW, xs=ROW, ys=ROW,
-    xxx=ROW, xxy=ROW, xyy=ROW, yyy=ROW, xxs=ROW, xys=ROW, yys=ROW, s_2=ROW, s_3=ROW,
-    sine=ROW, cosine=ROW,
+    s=REALS, up=REALS, lost=REALS, x=REALS, y=REALS, s_1=REALS, xx=REALS, xy=REALS, yy=REALS,
+    xs=REALS, ys=REALS, xxx=REALS, xxy=REALS, xyy=REALS, yyy=REALS, xxs=REALS, xys=REALS, yys=REALS,
+    s_2=REALS, s_3=REALS, sine=REALS, cosine=REALS,
 )  # fmt: skip
-"""Workspace: heights s [m] above the surface, at most 0; the head [m] lost by the decay there; and
-derivatives of F. s_1 is all of F_s; s_2 and s_3 are only the second sum's share of F_ss and F_sss.
-sine, cosine: of one wave above a bottom, times S."""
+"""Workspace: heights s [m] above the surface, at most 0; `up` from there to the points; the head
+[m] lost by the decay there; and derivatives of F. s_1 is all of F_s; s_2 and s_3 are only the
+second sum's share of F_ss and F_sss. sine, cosine: of one wave above a bottom, times S."""
 
 
 @kernel
@@ -83,6 +84,17 @@ def set_depths(count, above, heights, decayed_out):
         d.s[i] = min(above[i] - heights[i], 0.0)
     for i in range(above.size, count):
         d.s[i] = 0.0
+
+
+@kernel
+def set_ups(count, above, sums, decayed_out):
+    """Set how far the points (N,) are above the heights s over their particles, and 0 for those
+    that fill up the LANES."""
+    p, d = sums[0], decayed_out[0]
+    for i in range(above.size):
+        d.up[i] = above[i] - d.s[i] - p.z[i]  # in this order, in double precision
+    for i in range(above.size, count):
+        d.up[i] = 0.0
 
 
 @inline
@@ -159,20 +171,20 @@ def head_sums(count, waves, time, labels, sums_out, higher_out, decayed_out):
         add_wave_jet(at, p, h, count, wave, time)
         if wave.bed == 0.0:
             for i in range(count):
-                e, s, c = decay(-k * d.s[i]), h.sine[i], h.cosine[i]
+                e, s, c = decay(-k * d.s[i]), p.sine[i], p.cosine[i]
                 add_firsts(d, i, s, c, e, a, ka, k, dx, dy)
-                h.sine[i], h.cosine[i] = e * s, e * c
+                p.sine[i], p.cosine[i] = e * s, e * c
             for i in range(count):
-                s, c = h.sine[i], h.cosine[i]
+                s, c = p.sine[i], p.cosine[i]
                 add_others(d, i, s, c, s, c, kka, kkka, dx, dy)
         else:
             for i in range(count):
                 e, v = bed_decays(-k * d.s[i], wave.bed, wave.tanh)
-                s, c = h.sine[i], h.cosine[i]
+                s, c = p.sine[i], p.cosine[i]
                 add_bed_firsts(d, i, s, c, e, v, a, ka, k, dx, dy, wave)
-                h.sine[i], h.cosine[i], d.sine[i], d.cosine[i] = e * s, e * c, v * s, v * c
+                p.sine[i], p.cosine[i], d.sine[i], d.cosine[i] = e * s, e * c, v * s, v * c
             for i in range(count):
-                s, c, up_s, up_c = h.sine[i], h.cosine[i], d.sine[i], d.cosine[i]
+                s, c, up_s, up_c = p.sine[i], p.cosine[i], d.sine[i], d.cosine[i]
                 add_others(d, i, s, c, up_s, up_c, kka, kkka, dx, dy)
 
 
@@ -187,12 +199,12 @@ def vertical(d, i):
 
 @kernel
 def head_by_label(count, sums, higher, decayed, field_out):
-    """The head and its derivatives by label at a fixed height, as a FIELD."""
+    """The head, less the depth - s, and its derivatives by label at a fixed height, as a FIELD."""
     p, h, d, f = sums[0], higher[0], decayed[0], field_out[0]
     for i in range(count):
         s, ss, _, _, _ = vertical(d, i)
         zx, zy = p.z_x[i], p.z_y[i]
-        f.z[i] = -d.s[i] - d.lost[i]
+        f.z[i] = -d.lost[i]
         f.z_x[i], f.z_y[i] = d.x[i] - s * zx, d.y[i] - s * zy
         f.z_xx[i] = d.xx[i] - 2.0 * d.xs[i] * zx + ss * zx * zx - s * h.z_xx[i]
         f.z_xy[i] = d.xy[i] - (d.xs[i] * zy + d.ys[i] * zx) + ss * zx * zy - s * h.z_xy[i]
@@ -242,74 +254,74 @@ def bend(p, d, i):
 
 
 @kernel
-def gather_heads(x, y, above, labels, sums, decayed, head, slope, jets_out):
-    """HEAD_JETs (N,) at the points x, y with heights `above` the level (N,) [m].
+def shift_heads(count, sums, decayed, head, slope, jets_out):
+    """HEAD_JETS at the first `count` points.
 
-    The FIELD of the head is already at these points. The FIELD of h_z and the higher derivatives by
-    z are shifted to them. All are then shifted vertically to the points: those above the surface,
-    and those whose heights s were taken from an inexact surface.
+    The FIELD of the head, less its depth, is already at these points. The FIELD of h_z and the
+    higher derivatives by z are shifted to them. All are then shifted vertically to the points:
+    those above the surface, and those whose heights s were taken from an inexact surface.
     """
-    at, p, d, f, g = labels[0], sums[0], decayed[0], head[0], slope[0]
-    for i in range(jets_out.size):
-        jet = jets_out[i]
-        rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
-        up = above[i] - (p.z[i] + d.s[i])
+    p, d, f, g, jet = sums[0], decayed[0], head[0], slope[0], jets_out[0]
+    for i in range(count):
+        rx, ry, up = p.rest_x[i], p.rest_y[i], d.up[i]
         zz, xzz, yzz, zzz = bend(p, d, i)
         zz += xzz * rx + yzz * ry
         xz = g.z_x[i] + (g.z_xx[i] * rx + g.z_xy[i] * ry)
         yz = g.z_y[i] + (g.z_xy[i] * rx + g.z_yy[i] * ry)
         z = g.z[i] + 0.5 * ((g.z_x[i] + xz) * rx + (g.z_y[i] + yz) * ry)
-        jet.h = f.z[i] + up * (z + up * (0.5 * zz + up * zzz / 6.0))
-        jet.x = f.z_x[i] + up * (xz + 0.5 * up * xzz)
-        jet.y = f.z_y[i] + up * (yz + 0.5 * up * yzz)
-        jet.z = z + up * (zz + 0.5 * up * zzz)
-        jet.xx, jet.xy = f.z_xx[i] + up * g.z_xx[i], f.z_xy[i] + up * g.z_xy[i]
-        jet.yy = f.z_yy[i] + up * g.z_yy[i]
-        jet.xz, jet.yz, jet.zz = xz + up * xzz, yz + up * yzz, zz + up * zzz
-        jet.xxx, jet.xxy, jet.xyy, jet.yyy = f.z_xxx[i], f.z_xxy[i], f.z_xyy[i], f.z_yyy[i]
-        jet.xxz, jet.xyz, jet.yyz = g.z_xx[i], g.z_xy[i], g.z_yy[i]
-        jet.xzz, jet.yzz, jet.zzz = xzz, yzz, zzz
+        d.lost[i] = f.z[i] + up * (z + up * (0.5 * zz + up * zzz / 6.0))
+        jet.x[i] = f.z_x[i] + up * (xz + 0.5 * up * xzz)
+        jet.y[i] = f.z_y[i] + up * (yz + 0.5 * up * yzz)
+        jet.z[i] = z + up * (zz + 0.5 * up * zzz)
+        jet.xz[i], jet.yz[i], jet.zz[i] = xz + up * xzz, yz + up * yzz, zz + up * zzz
+        jet.xzz[i], jet.yzz[i], jet.zzz[i] = xzz, yzz, zzz
+    for i in range(count):
+        up = d.up[i]
+        jet.xx[i], jet.xy[i] = f.z_xx[i] + up * g.z_xx[i], f.z_xy[i] + up * g.z_xy[i]
+        jet.yy[i] = f.z_yy[i] + up * g.z_yy[i]
+        jet.xxx[i], jet.xxy[i], jet.xyy[i] = f.z_xxx[i], f.z_xxy[i], f.z_xyy[i]
+        jet.yyy[i], jet.xxz[i], jet.xyz[i] = f.z_yyy[i], g.z_xx[i], g.z_xy[i]
+        jet.yyz[i] = g.z_yy[i]
+    for i in range(count):
+        jet.h[i] = d.lost[i]
+        jet.h[i] -= d.s[i]
 
 
 @kernel
-def finish_head_jets(x, y, above, squeeze, labels, sums, higher, decayed, jets_out):
-    """HEAD_JETs (N,) at the points x, y with heights `above` the level, all (N,) [m], from the sums
-    at their labels."""
-    first, field, slope, nearer = (
-        workspace(FIRST), workspace(FIELD), workspace(FIELD), workspace(LABELS)
-    )  # fmt: skip
+def finish_head_jets(count, squeeze, sums, higher, decayed, jets_out):
+    """HEAD_JETS at the first `count` points, from the sums at labels near them."""
+    first, field, slope = workspace(FIRST), workspace(FIELD), workspace(FIELD)
     at_particles, at_points = workspace(FIELD), workspace(FIELD)
-    filled = -(-x.size // LANES) * LANES
     if squeeze > 0.0:
-        limit_squeeze(filled, squeeze, sums)
-    head_by_label(filled, sums, higher, decayed, field)
-    first_derivatives(filled, sums, higher, field, first)
-    third_derivatives(filled, sums, higher, field, first, at_particles)
-    second_derivatives(filled, sums, field, first, at_particles)
-    shifted(x, y, labels, sums, at_particles, at_points, nearer)
-    slope_by_label(filled, sums, higher, decayed, field)
-    first_derivatives(filled, sums, higher, field, first)
-    second_derivatives(filled, sums, field, first, slope)
-    gather_heads(x, y, above, labels, sums, decayed, at_points, slope, jets_out)
+        limit_squeeze(count, squeeze, sums)
+    head_by_label(count, sums, higher, decayed, field)
+    first_derivatives(count, sums, higher, field, first)
+    third_derivatives(count, sums, higher, field, first, at_particles)
+    second_derivatives(count, sums, field, first, at_particles)
+    shift_surface(count, sums, at_particles, at_points)
+    slope_by_label(count, sums, higher, decayed, field)
+    first_derivatives(count, sums, higher, field, first)
+    second_derivatives(count, sums, field, first, slope)
+    shift_heads(count, sums, decayed, at_points, slope, jets_out)
 
 
 @kernel
 def solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets_out):
-    """HEAD_JETs (N,) at the points x, y: (N,) [m] with heights `above` the level (N,) [m], from
-    particles Near them; tolerance and squeeze as in `jets.solve_jets`."""
+    """HEAD_JETS, one for each CHUNK of the points x, y: (N,) [m] with heights `above` the level
+    (N,) [m], from particles Near them; tolerance and squeeze as in `jets.solve_jets`."""
     labels, nearer, sums = workspace(LABELS), workspace(LABELS), workspace(SUMS)
     higher, decayed, found = workspace(HIGHER_SUMS), workspace(DECAYED), scratch(CHUNK)
-    for start in range(0, x.size, CHUNK):
-        end = min(start + CHUNK, x.size)
+    for chunk in range(jets_out.size):
+        start, end = chunk * CHUNK, min((chunk + 1) * CHUNK, x.size)
         px, py, places, heights = x[start:end], y[start:end], above[start:end], found[: end - start]
         filled = set_labels(near.label_x[start:end], near.label_y[start:end], labels)
         set_depths(filled, places, near.height[start:end], decayed)
         head_sums(filled, waves, time, labels, sums, higher, decayed)
-        if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
+        if not set_rests(px, py, filled, labels, sums) <= tolerance * tolerance:
             solve_labels(px, py, labels, waves, time, tolerance, ONE, heights, nearer)
             take_labels(filled, nearer, labels)
             set_depths(filled, places, heights, decayed)
             head_sums(filled, waves, time, labels, sums, higher, decayed)
-        finish_head_jets(
-            px, py, places, squeeze, labels, sums, higher, decayed, jets_out[start:end]
-        )
+            set_rests(px, py, filled, labels, sums)
+        set_ups(filled, places, sums, decayed)
+        finish_head_jets(filled, squeeze, sums, higher, decayed, jets_out[chunk : chunk + 1])

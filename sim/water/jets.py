@@ -24,19 +24,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.kernels import inline, kernel, record, scratch, workspace
+from sim.precision import real
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
     LANES,
     ONE,
     PLAIN_STEPS,
-    ROW,
+    REALS,
     SUMS,
     add_wave,
     clear_sums,
     growth,
     newton_labels,
     set_labels,
+    set_phases,
     sine_cosine,
     solve_labels,
     solve_others,
@@ -53,13 +55,12 @@ JET = record(
 label of the particle there."""
 
 HIGHER_SUMS = record(
-    x_xx=ROW, x_xy=ROW, x_yy=ROW, y_yy=ROW, z_xx=ROW, z_xy=ROW, z_yy=ROW,
-    z_xxx=ROW, z_xxy=ROW, z_xyy=ROW, z_yyy=ROW,
-    x_xxx=ROW, x_xxy=ROW, x_xyy=ROW, x_yyy=ROW, y_yyy=ROW,
-    sine=ROW, cosine=ROW,
+    x_xx=REALS, x_xy=REALS, x_yy=REALS, y_yy=REALS, z_xx=REALS, z_xy=REALS, z_yy=REALS,
+    z_xxx=REALS, z_xxy=REALS, z_xyy=REALS, z_yyy=REALS,
+    x_xxx=REALS, x_xxy=REALS, x_xyy=REALS, x_yyy=REALS, y_yyy=REALS,
 )  # fmt: skip
 """Workspace: second and third derivatives of particle positions by label (y_xx is x_xy, y_xy is
-x_yy and so on), and the sine and cosine of one wave."""
+x_yy and so on)."""
 
 
 class Near(NamedTuple):
@@ -72,13 +73,13 @@ class Near(NamedTuple):
 
 
 FIELD = record(
-    z=ROW, z_x=ROW, z_y=ROW, z_xx=ROW, z_xy=ROW, z_yy=ROW,
-    z_xxx=ROW, z_xxy=ROW, z_xyy=ROW, z_yyy=ROW,
+    z=REALS, z_x=REALS, z_y=REALS, z_xx=REALS, z_xy=REALS, z_yy=REALS,
+    z_xxx=REALS, z_xxy=REALS, z_xyy=REALS, z_yyy=REALS,
 )  # fmt: skip
 """Workspace: a function of the particles, such as the surface's height, and its derivatives by
 label or by position."""
 
-FIRST = record(z_x=ROW, z_y=ROW, m_xx=ROW, m_xy=ROW, m_yy=ROW)
+FIRST = record(z_x=REALS, z_y=REALS, m_xx=REALS, m_xy=REALS, m_yy=REALS)
 """Workspace: slopes of a function by position, and M of the module's docstring."""
 
 
@@ -135,15 +136,15 @@ def add_wave_jet(at, p, h, count, wave, time):
     a, ka, kka, kkka = (
         part * wave.amplitude, part * wave.ka, part * wave.kka, part * wave.kkka
     )  # fmt: skip
+    set_phases(p, count, turns_x, turns_y, turns, at)
     for i in range(count):
-        s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
-        h.sine[i], h.cosine[i] = s, c
+        p.sine[i], p.cosine[i] = sine_cosine(p.cosine[i])
     for i in range(count):
-        add_wave(p, i, h.sine[i], h.cosine[i], a, ka, dx, dy, wide_x, wide_y)
+        add_wave(p, i, p.sine[i], p.cosine[i], a, ka, dx, dy, wide_x, wide_y)
     for i in range(count):
-        add_second(h, i, kka * h.sine[i], kka * h.cosine[i], dx, dy, wide_x, wide_y)
+        add_second(h, i, kka * p.sine[i], kka * p.cosine[i], dx, dy, wide_x, wide_y)
     for i in range(count):
-        add_third(h, i, kkka * h.sine[i], kkka * h.cosine[i], dx, dy, wide_x, wide_y)
+        add_third(h, i, kkka * p.sine[i], kkka * p.cosine[i], dx, dy, wide_x, wide_y)
 
 
 @kernel
@@ -160,7 +161,7 @@ def jet_sums(count, waves, time, labels, sums_out, higher_out):
 def limit_squeeze(count, squeeze, sums_out):
     """Raise the smaller eigenvalue of J at the first `count` points to `squeeze`, if it is less, by
     adding a multiple of the unit matrix."""
-    p = sums_out[0]
+    p, squeeze = sums_out[0], real(squeeze)
     for i in range(count):
         mean, half = 1.0 + 0.5 * (p.x_x[i] + p.y_y[i]), 0.5 * (p.x_x[i] - p.y_y[i])
         smaller = mean - np.sqrt(half * half + p.x_y[i] * p.x_y[i])
@@ -244,17 +245,26 @@ def second_derivatives(count, sums, field, first, place_out):
 
 
 @kernel
-def shifted(x, y, labels, sums, surface, surface_out, labels_out):
-    """Shift the surface's derivatives from its particles to the points x, y: (N,) [m]. The shift by
-    the residual r leaves an error of fourth order in the height and of third order in the slopes.
-    The labels are shifted to first order."""
-    at, p, s, to, new = labels[0], sums[0], surface[0], labels_out[0], surface_out[0]
+def set_rests(x, y, count, labels, sums_out):
+    """Set the residuals of the points x, y: (N,) [m] at the labels that the sums belong to, and
+    those up to `count` to 0. Return the largest one, squared [m^2]."""
+    at, p, largest = labels[0], sums_out[0], 0.0
     for i in range(x.size):
         rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
-        step_x, step_y = solved(p, i, rx, ry)
-        to.x[i], to.y[i] = at.x[i] + step_x, at.y[i] + step_y
-    for i in range(x.size):
-        rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
+        p.rest_x[i], p.rest_y[i] = rx, ry
+        largest = max(largest, rx * rx + ry * ry)
+    for i in range(x.size, count):
+        p.rest_x[i], p.rest_y[i] = 0.0, 0.0
+    return largest
+
+
+@kernel
+def shift_surface(count, sums, surface, surface_out):
+    """Shift the surface's derivatives from its particles to the first `count` points. The shift by
+    the residual leaves an error of fourth order in the height and of third order in the slopes."""
+    p, s, new = sums[0], surface[0], surface_out[0]
+    for i in range(count):
+        rx, ry = p.rest_x[i], p.rest_y[i]
         turn_xx = s.z_xxx[i] * rx + s.z_xxy[i] * ry
         turn_xy = s.z_xxy[i] * rx + s.z_xyy[i] * ry
         turn_yy = s.z_xyy[i] * rx + s.z_yyy[i] * ry
@@ -263,8 +273,8 @@ def shifted(x, y, labels, sums, surface, surface_out, labels_out):
         rise_x = s.z_x[i] + 0.5 * (bend_xx * rx + bend_xy * ry)
         rise_y = s.z_y[i] + 0.5 * (bend_xy * rx + bend_yy * ry)
         new.z[i] = s.z[i] + (rise_x * rx + rise_y * ry)
-    for i in range(x.size):
-        rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
+    for i in range(count):
+        rx, ry = p.rest_x[i], p.rest_y[i]
         turn_xx = s.z_xxx[i] * rx + s.z_xxy[i] * ry
         turn_xy = s.z_xxy[i] * rx + s.z_xyy[i] * ry
         turn_yy = s.z_xyy[i] * rx + s.z_yyy[i] * ry
@@ -274,31 +284,23 @@ def shifted(x, y, labels, sums, surface, surface_out, labels_out):
         new.z_y[i] = s.z_y[i] + (bend_xy * rx + bend_yy * ry)
         new.z_xx[i], new.z_xy[i] = s.z_xx[i] + turn_xx, s.z_xy[i] + turn_xy
         new.z_yy[i] = s.z_yy[i] + turn_yy
-    for i in range(x.size):
+    for i in range(count):
         new.z_xxx[i], new.z_xxy[i] = s.z_xxx[i], s.z_xxy[i]
         new.z_xyy[i], new.z_yyy[i] = s.z_xyy[i], s.z_yyy[i]
 
 
 @kernel
-def largest_residual(x, y, labels, sums):
-    """Largest squared residual [m^2] of the points x, y at the labels that the sums belong to."""
-    at, p, largest = labels[0], sums[0], 0.0
-    for i in range(x.size):
-        rx, ry = x[i] - at.x[i] - p.x[i], y[i] - at.y[i] - p.y[i]
-        largest = max(largest, rx * rx + ry * ry)
-    return largest
-
-
-@kernel
-def gather_jets(surface, labels, jets_out):
-    """Collect the jets (N,) of a chunk's points from its workspaces."""
-    s, at = surface[0], labels[0]
+def gather_jets(surface, labels, sums, jets_out):
+    """Collect the jets (N,) of a chunk's points from its workspaces. The labels are shifted from
+    the particles to the points to first order."""
+    s, at, p = surface[0], labels[0], sums[0]
     for i in range(jets_out.size):
         jet = jets_out[i]
         jet.z, jet.z_x, jet.z_y = s.z[i], s.z_x[i], s.z_y[i]
         jet.z_xx, jet.z_xy, jet.z_yy = s.z_xx[i], s.z_xy[i], s.z_yy[i]
         jet.z_xxx, jet.z_xxy, jet.z_xyy, jet.z_yyy = s.z_xxx[i], s.z_xxy[i], s.z_xyy[i], s.z_yyy[i]
-        jet.label_x, jet.label_y = at.x[i], at.y[i]
+        step_x, step_y = solved(p, i, p.rest_x[i], p.rest_y[i])
+        jet.label_x, jet.label_y = at.x[i] + step_x, at.y[i] + step_y
 
 
 @kernel
@@ -338,19 +340,19 @@ def near_particles(x, y, waves, time, steps, tolerance):
 
 
 @kernel
-def finish_jets(x, y, squeeze, labels, sums, higher, jets_out):
-    """Jets (N,) of the surface at the points x, y: (N,) [m], from the sums at their labels."""
-    first, heights, nearer = workspace(FIRST), workspace(FIELD), workspace(LABELS)
+def finish_jets(squeeze, labels, sums, higher, jets_out):
+    """Jets (N,) of the surface at points, from the sums at labels near them."""
+    first, heights = workspace(FIRST), workspace(FIELD)
     at_particles, at_points = workspace(FIELD), workspace(FIELD)
-    filled = -(-x.size // LANES) * LANES
+    filled = -(-jets_out.size // LANES) * LANES
     if squeeze > 0.0:
         limit_squeeze(filled, squeeze, sums)
     copy_heights(filled, sums, higher, heights)
     first_derivatives(filled, sums, higher, heights, first)
     third_derivatives(filled, sums, higher, heights, first, at_particles)
     second_derivatives(filled, sums, heights, first, at_particles)
-    shifted(x, y, labels, sums, at_particles, at_points, nearer)
-    gather_jets(at_points, nearer, jets_out)
+    shift_surface(filled, sums, at_particles, at_points)
+    gather_jets(at_points, labels, sums, jets_out)
 
 
 @kernel
@@ -369,8 +371,9 @@ def solve_jets(x, y, near, waves, time, tolerance, squeeze, jets_out):
         px, py = x[start:end], y[start:end]
         filled = set_labels(near.label_x[start:end], near.label_y[start:end], labels)
         jet_sums(filled, waves, time, labels, sums, higher)
-        if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
+        if not set_rests(px, py, filled, labels, sums) <= tolerance * tolerance:
             solve_labels(px, py, labels, waves, time, tolerance, ONE, found[: px.size], nearer)
             take_labels(filled, nearer, labels)
             jet_sums(filled, waves, time, labels, sums, higher)
-        finish_jets(px, py, squeeze, labels, sums, higher, jets_out[start:end])
+            set_rests(px, py, filled, labels, sums)
+        finish_jets(squeeze, labels, sums, higher, jets_out[start:end])

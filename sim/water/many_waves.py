@@ -17,26 +17,29 @@ from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import NDArray
 
 from sim.kernels import inline, kernel, record, scratch, summing_kernel, workspace
+from sim.precision import in_single
 from sim.water.gerstner import (
     CHUNK,
     LABELS,
     ONE,
     SUMS,
     clear_sums,
+    decay,
     growth,
     newton_labels,
     set_labels,
+    sine_cosine,
     solve_labels,
     take_labels,
 )
-from sim.water.head_jets import DECAYED, clear_decayed, finish_head_jets, set_depths
+from sim.water.head_jets import DECAYED, clear_decayed, finish_head_jets, set_depths, set_ups
 from sim.water.jets import (
     HIGHER_SUMS,
     Near,
     clear_higher,
     finish_jets,
     keep_labels,
-    largest_residual,
+    set_rests,
 )
 
 Array = NDArray[np.float64]
@@ -80,9 +83,9 @@ both are the decay e^(-k d) on deep water."""
 NO_BED = 1e9
 """Twice k H of a wave that does not feel the bottom."""
 
-single = np.float32
-ZERO, HALF, UNIT, TWO, EIGHT = map(single, (0.0, 0.5, 1.0, 2.0, 8.0))
-LOG2_E, MOST_HALVINGS = single(np.log2(np.e)), single(120.0)
+float32 = np.float32
+ZERO, HALF, UNIT, TWO, EIGHT = map(float32, (0.0, 0.5, 1.0, 2.0, 8.0))
+LOG2_E, MOST_HALVINGS = float32(np.log2(np.e)), float32(120.0)
 
 
 def _power_series(
@@ -91,7 +94,7 @@ def _power_series(
     """Coefficients of the polynomial that meets a function at Chebyshev's nodes from 0 to an
     end."""
     found = Chebyshev.interpolate(function, degree, [0.0, end])
-    return tuple(map(single, found.convert(kind=Polynomial).coef))
+    return tuple(map(float32, found.convert(kind=Polynomial).coef))
 
 
 # of sin(2 pi u) / u and cos(2 pi u) by u^2, for |u| <= 1/4, and of 2^-f for 0 <= f <= 1
@@ -100,6 +103,7 @@ COSINE = _power_series(lambda q: np.cos(2.0 * np.pi * np.sqrt(np.abs(q))), 5, 1.
 HALVING = _power_series(lambda f: 2.0**-f, 5, 1.0)
 
 
+@in_single(sine_cosine)
 @inline
 def single_sine_cosine(u):
     """Sine and cosine of an angle from -1/2 to 1/2 turns, to 2e-7."""
@@ -116,6 +120,7 @@ def single_sine_cosine(u):
     return sign * s * u, sign * c
 
 
+@in_single(decay)
 @inline
 def single_decay(x):
     """exp(-x) for x >= 0, to 2e-7: a power of 2 times 2^-f."""
@@ -184,7 +189,7 @@ def set_phases(count, factors, x, y, phases_out):
 @kernel
 def set_decays(count, factors, depth, phases_out):
     """Set C and S of the first `count` waves of a tile at a depth [m] below the surface."""
-    q, p, d = factors[0], phases_out[0], single(depth)
+    q, p, d = factors[0], phases_out[0], float32(depth)
     for w in range(count):
         e = single_decay(q.k[w] * d)
         p.down[w], p.up[w] = e, e
@@ -412,32 +417,33 @@ def solve_many_jets(x, y, near, waves, time, tolerance, squeeze, jets_out):
         px, py = x[start:end], y[start:end]
         filled = set_labels(near.label_x[start:end], near.label_y[start:end], labels)
         many_jet_sums(filled, waves, time, labels, sums, higher)
-        if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
+        if not set_rests(px, py, filled, labels, sums) <= tolerance * tolerance:
             solve_labels(px, py, labels, waves, time, tolerance, ONE, found[: px.size], nearer)
             take_labels(filled, nearer, labels)
             many_jet_sums(filled, waves, time, labels, sums, higher)
-        finish_jets(px, py, squeeze, labels, sums, higher, jets_out[start:end])
+            set_rests(px, py, filled, labels, sums)
+        finish_jets(squeeze, labels, sums, higher, jets_out[start:end])
 
 
 @kernel
 def solve_many_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets_out):
-    """HEAD_JETs (N,), as from `head_jets.solve_head_jets`."""
+    """HEAD_JETS, as from `head_jets.solve_head_jets`."""
     labels, sums, higher = workspace(LABELS), workspace(SUMS), workspace(HIGHER_SUMS)
     nearer, decayed, found = workspace(LABELS), workspace(DECAYED), scratch(CHUNK)
-    for start in range(0, x.size, CHUNK):
-        end = min(start + CHUNK, x.size)
+    for chunk in range(jets_out.size):
+        start, end = chunk * CHUNK, min((chunk + 1) * CHUNK, x.size)
         px, py, places, heights = x[start:end], y[start:end], above[start:end], found[: end - start]
         filled = set_labels(near.label_x[start:end], near.label_y[start:end], labels)
         set_depths(filled, places, near.height[start:end], decayed)
         many_head_sums(filled, waves, time, labels, sums, higher, decayed)
-        if not largest_residual(px, py, labels, sums) <= tolerance * tolerance:
+        if not set_rests(px, py, filled, labels, sums) <= tolerance * tolerance:
             solve_labels(px, py, labels, waves, time, tolerance, ONE, heights, nearer)
             take_labels(filled, nearer, labels)
             set_depths(filled, places, heights, decayed)
             many_head_sums(filled, waves, time, labels, sums, higher, decayed)
-        finish_head_jets(
-            px, py, places, squeeze, labels, sums, higher, decayed, jets_out[start:end]
-        )
+            set_rests(px, py, filled, labels, sums)
+        set_ups(filled, places, sums, decayed)
+        finish_head_jets(filled, squeeze, sums, higher, decayed, jets_out[chunk : chunk + 1])
 
 
 @summing_kernel

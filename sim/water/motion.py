@@ -24,10 +24,19 @@ Source: Stokes 1847; Phillips 1977, 3.3, for finite depth.
 import numpy as np
 
 from sim.kernels import inline, kernel, record
-from sim.water.gerstner import ROW, bed_decays, decay, growth, level_and_rise, sine_cosine
+from sim.water.gerstner import (
+    REALS,
+    bed_decays,
+    decay,
+    growth,
+    level_and_rise,
+    set_phases,
+    sine_cosine,
+)
 
-MOTION = record(x=ROW, y=ROW, z=ROW)
-"""Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points."""
+MOTION = record(x=REALS, y=REALS, z=REALS, cosine=REALS)
+"""Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points; cosine: of
+the phase of one wave."""
 
 VELOCITY, ACCELERATION = np.int64(0), np.int64(1)
 """Orders of a motion. NumPy integers, because each Python integer would compile `water_motion`
@@ -97,16 +106,17 @@ def water_motion(order, depths, waves, water, time, labels, motion_out):
         speed = growth(wave, time) * wave.rate * wave.amplitude
         if order == ACCELERATION:
             speed *= -wave.rate
+        set_phases(v, count, turns_x, turns_y, turns, at)
         if wave.bed == 0.0:
             for i in range(count):
-                s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
+                s, c = sine_cosine(v.cosine[i])
                 below = decay(k * abs(depths[i]))
                 swing = speed * reflected(1.0, below, depths[i])
                 add_swing(v, i, dx, dy, swing, swing, s, c)
         else:
             speed *= wave.stretch
             for i in range(count):
-                s, c = sine_cosine(turns_x * at.x[i] + turns_y * at.y[i] + turns)
+                s, c = sine_cosine(v.cosine[i])
                 along, up = bed_decays(k * abs(depths[i]), wave.bed, wave.tanh)
                 along = speed * reflected(1.0, along, depths[i])
                 up = speed * reflected(wave.tanh, up, depths[i])

@@ -386,6 +386,7 @@ def _add_patches(kernels: SimpleNamespace, kernel: Any) -> None:
           for (int k = 0; k < {MONOMIALS}; k++) p.c[k] = from[k * worlds];
           p.bound_2 = from[{MONOMIALS} * worlds];
           p.bound_3 = from[{MONOMIALS + 1} * worlds];
+          p.head = p.c[0];
           Code::{source.translator.ctype(tree)} tree = {{
             Code::{views["PATCH"]}{{($PATCH*)patches.data, 1, 1}},
             Code::{views["NODE"]}{{($NODE*)nodes.data, 1, 1}},

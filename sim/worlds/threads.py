@@ -31,7 +31,7 @@ from sim.resistance.probes import Flow, probe_water
 from sim.resistance.reaction import reaction_in
 from sim.water.gerstner import LABELS, ONE, WATER, growth, level_and_rise, set_labels, solve_labels
 from sim.water.head import solve_heads
-from sim.water.head_jets import HEAD_JET, solve_head_jets
+from sim.water.head_jets import HEAD_JETS, solve_head_jets
 from sim.water.jets import JET, Near, find_near, solve_jets
 
 
@@ -70,7 +70,7 @@ def patch_polynomial(patch, solve, waves, sea, level, rotations, polynomial_out)
     patch."""
     x, y, above, position = np.empty(1), np.empty(1), np.empty(1), np.zeros(3)
     label_x, label_y, height = np.empty(1), np.empty(1), np.empty(1)
-    chosen, jets, head_jets = np.empty(1, CHOSEN), np.empty(1, JET), np.empty(1, HEAD_JET)
+    chosen, jets, head_jets = np.empty(1, CHOSEN), np.empty(1, JET), np.empty(1, HEAD_JETS)
     chosen[0].pose = 0
     x[0], y[0], z = placed(patch.x, patch.y, patch.z, position, rotations[0])
     above[0] = z - level

@@ -28,12 +28,7 @@ from typing import Any
 
 import numpy as np
 
-SMALLEST_SINGLE = 1e-37
-"""Smallest positive number of the text in single precision; smaller ones would become 0."""
-
-SINGLE_BELOW_ONE = 1.0 - 1e-5
-"""Replaces numbers of the text below 1 that would become 1 in single precision. They are limits of
-sums over elements, which are as exact as this."""
+from sim.precision import SINGLE_BELOW_ONE, SMALLEST_SINGLE
 
 FUNCTIONS = {"min": "wp::min", "max": "wp::max", "abs": "wp::abs"}
 INTRINSICS = {"lowest_bit": "lowest_bit"}
@@ -472,7 +467,7 @@ class _Function:
         if not isinstance(value, ast.Call):
             return False
         maker = ast.unparse(value.func).removeprefix("np.")
-        if maker not in ("empty", "zeros", "workspace", "scratch", "scratch_zeros"):
+        if maker not in ("empty", "zeros", "workspace", "scratch", "scratch_zeros", "reals"):
             return False
         kind: Any = "real"
         if maker == "workspace" or len(value.args) > 1:

@@ -15,6 +15,7 @@ from sim.hulls.primitives import box  # noqa: E402
 from sim.methods import linear  # noqa: E402
 from sim.methods.patches import patches, polynomial, tree  # noqa: E402
 from sim.plugin import native  # noqa: E402
+from sim.precision import single  # noqa: E402
 from sim.resistance import drag, elements, probes, reaction  # noqa: E402
 from sim.water import gerstner, head, head_jets, jets  # noqa: E402
 from sim.worlds import programs, threads  # noqa: E402
@@ -177,7 +178,7 @@ def cases() -> dict[str, Call]:
             ),
             f"head jets {name}": Call(
                 head_jets.solve_head_jets, x, y, z, near, waves, time, 1e-9, 0.2,
-                rows(np.zeros(20, head_jets.HEAD_JET)),
+                rows(np.zeros(1, head_jets.HEAD_JETS)),
             ),
             f"level {name}": Call(gerstner.level_and_rise, row(water), time),
         }  # fmt: skip
@@ -218,7 +219,9 @@ def patch_cases(rng, rotation) -> dict[str, Call]:
     tables = tree.PatchTree(*map(rows, whole))
     positions = np.array([[0.1, 0.2, 0.05]])
     _, block, places = method._alone
-    chosen, found = patches.polynomials_of(block, places, positions, rotation.reshape(1, 9), 0.7)
+    given = block, places, positions, rotation.reshape(1, 9), 0.7
+    chosen, found = single(patches.polynomials_of)(*given)
+    found = found.astype(polynomial.POLYNOMIAL)
     wet, opened = np.empty((2, 1000), patches.FOUND)
     counts = patches.walk(whole, chosen, found, wet, opened)
     wet, opened = wet[: counts[0]], opened[: counts[1]]
@@ -227,10 +230,10 @@ def patch_cases(rng, rotation) -> dict[str, Call]:
     assert len(wet) > 10
     n, rotations = 5, np.array([rotation])
     each = np.zeros(n, patches.CHOSEN)
-    head_jet, jet = np.zeros(n, head_jets.HEAD_JET), np.zeros(n, jets.JET)
+    head_jet, jet = np.zeros(1, head_jets.HEAD_JETS), np.zeros(n, jets.JET)
     for table in (head_jet, jet):
         for name in table.dtype.names:
-            table[name] = rng.normal(size=n)
+            table[name] = rng.normal(size=table[name].shape)
     out = rows(np.zeros(n, polynomial.POLYNOMIAL))
     return {
         "head polynomials": Call(

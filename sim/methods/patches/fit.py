@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.kernels import read_only
-from sim.water.gerstner import PLAIN_STEPS
-from sim.water.head_jets import HEAD_JET, solve_head_jets
+from sim.water.gerstner import CHUNK, PLAIN_STEPS
+from sim.water.head_jets import HEAD_JETS, solve_head_jets
 from sim.water.jets import JET, near_particles, solve_jets
 from sim.water.many_waves import MANY_WAVES, solve_many_heads
 from sim.water.samples import SAFETY, newton_steps, sample_places, still
@@ -47,7 +47,7 @@ DIP_ANGLES = tuple(np.radians([-90.0, -45.0, 0.0, 45.0]))
 """Inclinations [rad] of these directions, where jets are tried below the surface."""
 
 SURFACE_TERMS = {name: name[2:] for name in JET.names or () if name[0] == "z"}
-HEAD_TERMS = {name: name.replace("h", "") for name in HEAD_JET.names or ()}
+HEAD_TERMS = {name: name.replace("h", "") for name in HEAD_JETS.names or ()}
 """For each field of a jet, the axes of its derivative."""
 
 MOST_PHASE = 1000.0
@@ -252,13 +252,14 @@ def surface_errors(
 
 def head_jets(
     sea: Sea, waves: Table, x: Array, y: Array, above: Array, squeeze: float = 0.0
-) -> Table:
-    """HEAD_JETs (N,) at the points x, y with heights `above` the level, all (N,) [m], of the sea's
-    own waves or fitted ones. squeeze: as in `jets.solve_jets`."""
-    jets, time, tolerance = np.empty(x.size, HEAD_JET), sea.ramp, float(sea.water["tolerance"][0])
+) -> Array:
+    """HEAD_TERMS (T, N) of the head at the points x, y with heights `above` the level, all (N,)
+    [m], of the sea's own waves or fitted ones. squeeze: as in `jets.solve_jets`."""
+    jets, time = np.empty(-(-x.size // CHUNK), HEAD_JETS), sea.ramp
+    tolerance = float(sea.water["tolerance"][0])
     near = near_particles(x, y, waves, time, 1, tolerance)
     solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets)
-    return jets
+    return np.stack([jets[name].ravel()[: x.size] for name in HEAD_TERMS])
 
 
 def head_errors(
@@ -274,7 +275,7 @@ def head_errors(
     above = sea.elevation(x, y, sea.ramp) - still(sea) + radius * np.minimum(share, 0.0)
     above += 0.7 * radius * np.maximum(share, 0.0)
     above = np.maximum(above, -sea.depth)
-    jets = fields_of(head_jets(sea, waves, x, y, above, squeeze), HEAD_TERMS)
+    jets = head_jets(sea, waves, x, y, above, squeeze)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     return _missed(sea, jets, (x, y, above), radius, product(rings, angles, DIP_ANGLES))
 
@@ -397,7 +398,7 @@ def _deep_error(sea: Sea, level: Level, squeeze: float) -> float:
     x, y = (axis[::DEEP_STRIDE] for axis in sample_places(sea))
     above, radius = np.full(x.size, -level.depth), (1.0 + CENTRE_SHIFT_RADII) * level.radius
     if level.waves.size:
-        jets = fields_of(head_jets(sea, level.waves, x, y, above, squeeze), HEAD_TERMS)
+        jets = head_jets(sea, level.waves, x, y, above, squeeze)
     else:
         jets = np.zeros((len(HEAD_TERMS), x.size))
         names = list(HEAD_TERMS)
@@ -449,7 +450,8 @@ def largest_bend(sea: Sea, waves: Table, squeeze: float) -> float:
         names, axes = ("z_xx", "z_xy", "z_xy", "z_yy"), 2
     else:
         above = sea.elevation(x, y, sea.ramp) - still(sea)
-        jets = head_jets(sea, waves, x, y, above, squeeze)
+        terms = head_jets(sea, waves, x, y, above, squeeze)
+        jets = dict(zip(HEAD_TERMS, terms, strict=True))
         names, axes = ("xx", "xy", "xz", "xy", "yy", "yz", "xz", "yz", "zz"), 3
     hessians = np.stack([jets[n] for n in names], axis=-1).reshape(-1, axes, axes)
     return SAFETY * float(np.abs(np.linalg.eigvalsh(hessians)).max())

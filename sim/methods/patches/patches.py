@@ -87,14 +87,16 @@ from sim.methods.patches.tree import (
     triangle_codes,
 )
 from sim.notes import say
+from sim.precision import IS_SINGLE, reals, single
 from sim.water.gerstner import (
+    CHUNK,
     PLAIN_STEPS,
     WATER,
     WAVE,
     growth,
     level_and_rise,
 )
-from sim.water.head_jets import HEAD_JET, solve_head_jets
+from sim.water.head_jets import HEAD_JETS, solve_head_jets
 from sim.water.jets import JET, Near, near_particles, solve_jets
 from sim.water.many_waves import (
     MANY_WAVES,
@@ -118,11 +120,10 @@ INSTANCE = record(pose="i8", row="i8", first="i8", end="i8", level="i8", levels=
 """A hull of a batch: rows of its pose and its wrench, its first patch and the end of its patches,
 and the first LEVEL row and the number of levels of its tree."""
 
-SOLVE = record(steps="i8", residual="f8", squeeze="f8", reach="f8", is_single="i8")
+SOLVE = record(steps="i8", residual="f8", squeeze="f8", reach="f8")
 """steps: number of Newton steps to a jet; residual [m] that is allowed after them; squeeze: limit
 of J in jets (see `jets`); reach: height above the surface, in radii of a patch, beyond which the
-patch is out of the water's reach, with the surface above the patch's centre; is_single: whether
-single precision is enough (see `many_waves`)."""
+patch is out of the water's reach, with the surface above the patch's centre."""
 
 LEVEL = record(first="i8", end="i8", depth="f8", sunk="f8", rise="f8")
 """A level of a tree: the range of its fitted waves; the depth [m] below the still level from which
@@ -254,10 +255,13 @@ class Patches(Compiled):
         )  # fmt: skip
         of_levels = [level for method in of_trees for level in method.levels]
         waves = np.concatenate([level.waves for level in of_levels])
-        tables = joined([m.tree for m in of_trees])
-        block = packed(*tables, waves, sea.water, solve_table(methods), level_table(of_levels, sea))
+        tables, solve = joined([m.tree for m in of_trees]), solve_table(methods)
+        kernel = patches_wrenches
+        if is_single(methods, waves, solve):
+            tables, waves, kernel = tables.in_single, waves.astype(single(WAVE)), single(kernel)
+        block = packed(*tables, waves, sea.water, solve, level_table(of_levels, sea))
         instances = instances[np.argsort(which, kind="stable")]
-        return [Part(patches_wrenches, block, read_only(instances))]
+        return [Part(kernel, block, read_only(instances))]
 
     def heads_at_vertices(
         self, position: ArrayLike, rotation: ArrayLike, time: float
@@ -267,8 +271,9 @@ class Patches(Compiled):
         reach."""
         positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
         rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
-        _, block, instances = self._alone
-        chosen, reached = polynomials_of(block, instances, positions, rotations, float(time))
+        kernel, block, instances = self._alone
+        of_block = polynomials_of if kernel is patches_wrenches else single(polynomials_of)
+        chosen, reached = of_block(block, instances, positions, rotations, float(time))
         patches, leaves = self.tree.patches, self.tree.leaves
         coefficients, used = np.full((len(patches), MONOMIALS), np.nan), np.arange(len(patches))
         for patch, row in zip(chosen["patch"], reached["c"], strict=True):
@@ -297,8 +302,13 @@ def solve_table(methods: Sequence[Patches]) -> Table:
     slope = steepest_slope(sea)
     # the heights are those of nearby particles, hence the shift
     reach = np.hypot(1.0, slope) + CENTRE_SHIFT_RADII * slope
-    is_single = all(method.is_loose for method in methods) and steps < PLAIN_STEPS
-    return np.array([(steps, residual, squeeze, reach, is_single)], SOLVE)
+    return np.array([(steps, residual, squeeze, reach)], SOLVE)
+
+
+def is_single(methods: Sequence[Patches], waves: Table, solve: Table) -> bool:
+    """Whether single precision is enough for methods that share a sea."""
+    is_loose = all(method.is_loose for method in methods)
+    return bool(is_loose and waves.size and solve["steps"][0] < PLAIN_STEPS)
 
 
 def level_table(levels: Sequence[Level], sea: Sea) -> Table:
@@ -448,9 +458,14 @@ def add_wet_nodes(wet, moments, chosen, polynomials, sums_out):
     """Add the moments of the surely wet nodes to their instances' sums (H, SUMS)."""
     for n in range(wet.size):
         m, i = moments[wet[n].node], wet[n].chosen
-        factors, at = polynomials[i].c, chosen[i].instance
-        add_products(factors, 0, LINEAR, m.linear, sums_out, at)
-        add_products(factors, LINEAR, BENDING, m.bending, sums_out, at)
+        p, at, k = polynomials[i], chosen[i].instance, m.linear
+        rest = p.head - p.c[0]  # what the first coefficient lost in single precision
+        add_six(
+            sums_out, at, rest * k[0, 0], rest * k[1, 0], rest * k[2, 0], rest * k[3, 0],
+            rest * k[4, 0], rest * k[5, 0],
+        )  # fmt: skip
+        add_products(p.c, 0, LINEAR, k, sums_out, at)
+        add_products(p.c, LINEAR, BENDING, m.bending, sums_out, at)
 
 
 @inline
@@ -481,12 +496,14 @@ def add_wet_vertices(heads, leaf, sums_out, at):
     """
     b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     share, total, wet, dry = 0.0, 0.0, 0, 0
-    for v in range(LEAF_VERTICES):  # long enough that the compiler takes four vertices at a time
-        head, fan = heads[v], leaf.fans[v]
-        is_wet = head > 0.0
-        positive = head if is_wet else 0.0
+    for v in range(LEAF_VERTICES):
+        fan = leaf.fans[v]
+        is_wet = heads[v] > 0.0
         wet |= fan if is_wet else 0
         dry |= 0 if is_wet else fan
+    for v in range(LEAF_VERTICES):  # long enough that the compiler takes four vertices at a time
+        head = heads[v]
+        positive = head if head > 0.0 else 0.0
         share += positive
         total += abs(head)
         b0 += positive * leaf.weights[0, v]
@@ -537,7 +554,7 @@ def add_opened_leaves(opened, tree, chosen, polynomials, sums_out):
     """Add the leaves that the waterline may cross to their instances' sums (H, SUMS): the sums over
     the wet vertices without what the clip removes, and the polynomial's terms beyond linear heads
     in proportion to the wet share."""
-    heads = scratch(LEAF_VERTICES)
+    heads = reals(LEAF_VERTICES)
     for n in range(opened.size):
         leaf, i = tree.leaves[opened[n].node], opened[n].chosen
         at, c = chosen[i].instance, polynomials[i].c
@@ -580,7 +597,7 @@ def keep_reached(patches, reach, points_out, near_out, chosen_out):
 @kernel
 def particles_near(points, waves, time, solve):
     """The particles Near points, from fitted waves."""
-    if solve.is_single and waves.size >= MANY_WAVES:
+    if IS_SINGLE and waves.size >= MANY_WAVES:
         return many_near_particles(points.x, points.y, waves, time, solve.steps)
     return near_particles(points.x, points.y, waves, time, solve.steps, solve.residual)
 
@@ -590,17 +607,16 @@ def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomia
     """Polynomials (N,) of the heads around the chosen patches' centres, from fitted waves."""
     x, y, above, solve = points.x, points.y, points.above, sea.solve[0]
     tolerance, squeeze = solve.residual, solve.squeeze
-    is_single = solve.is_single != 0 and waves.size >= MANY_WAVES
     if sea.water[0].decays and waves.size > 0:
-        jets = np.empty(x.size, HEAD_JET)
-        if is_single:
+        jets = np.empty(-(-x.size // CHUNK), HEAD_JETS)
+        if IS_SINGLE and waves.size >= MANY_WAVES:
             solve_many_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets)
         else:
             solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets)
         decayed_polynomials(jets, chosen, rotations, polynomials_out)
     else:
         jets = np.empty(x.size, JET)
-        if is_single:
+        if IS_SINGLE and waves.size >= MANY_WAVES:
             solve_many_jets(x, y, near, waves, time, tolerance, squeeze, jets)
         else:
             solve_jets(x, y, near, waves, time, tolerance, squeeze, jets)
@@ -612,7 +628,8 @@ def sink_heads(level, time, polynomials_out):
     """Take from the heads of a level's patches what the waves take that it leaves out."""
     part = growth(level, time)
     for i in range(polynomials_out.size):
-        polynomials_out[i].c[0] -= part * part * level.sunk
+        polynomials_out[i].head -= part * part * level.sunk
+        polynomials_out[i].c[0] = polynomials_out[i].head
 
 
 @inline

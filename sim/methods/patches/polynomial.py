@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.kernels import inline, kernel, record, workspace
-from sim.water.gerstner import LANES
+from sim.water.gerstner import CHUNK, LANES, REALS
 from sim.water.head import depth
 
 Array = NDArray[np.float64]
@@ -36,15 +36,15 @@ vector registers."""
 SIX_SUMS = [0, 1, 2, TORQUE, TORQUE + 1, TORQUE + 2]
 """Indices of the six components of a wrench."""
 
-POLYNOMIAL = record(c=("f8", MONOMIALS), bound_2="f8", bound_3="f8", fills_lines=("f8", 2))
+POLYNOMIAL = record(c=("real", MONOMIALS), bound_2="real", bound_3="real", head="f8", fills="f8")
 """Coefficients of a head in the body frame around a patch's centre, and bounds on its second-order
-terms over the distance squared and its third-order terms over the distance cubed."""
+terms over the distance squared and its third-order terms over the distance cubed. head [m]: the
+first coefficient, with all digits."""
 
 TURNING = record(
-    jets=("f8", (MONOMIALS, LANES)), turns=("f8", (9, LANES)), c=("f8", (MONOMIALS, LANES)),
-    bound_2=("f8", LANES), bound_3=("f8", LANES),
-)  # fmt: skip
-"""Workspace: LANES HEAD_JETs, the rotations of their poses, and their POLYNOMIALs in the body
+    turns=("real", (9, CHUNK)), c=("real", (MONOMIALS, CHUNK)), bound_2=REALS, bound_3=REALS
+)
+"""Workspace: the rotations of the poses of a chunk's jets, and their POLYNOMIALs in the body
 frame."""
 
 
@@ -117,7 +117,8 @@ def head_polynomials(jets, above, chosen, rotations, polynomials_out):
         gx, gy = jet.z_x, jet.z_y
         # the horizontal coordinates are the linear forms a . d and b . d
         ax, ay, az, bx, by, bz = r[0], r[1], r[2], r[3], r[4], r[5]
-        q[0] = depth(jet.z, above[i])
+        polynomials_out[i].head = depth(jet.z, above[i])
+        q[0] = polynomials_out[i].head
         q[1] = gx * ax + gy * bx - r[6]
         q[2] = gx * ay + gy * by - r[7]
         q[3] = gx * az + gy * bz - r[8]
@@ -157,7 +158,7 @@ def product(ax, ay, az, bx, by, bz):
 
 @inline
 def add_cubic(q, i, xx, xy, xz, yy, yz, zz, x, y, z):
-    """Add the product of a quadratic and a linear form to the cubic coefficients in lane i."""
+    """Add the product of a quadratic and a linear form to the cubic coefficients in place i."""
     q[10, i] += xx * x
     q[11, i] += xx * y + xy * x
     q[12, i] += xx * z + xz * x
@@ -172,7 +173,7 @@ def add_cubic(q, i, xx, xy, xz, yy, yz, zz, x, y, z):
 
 @inline
 def form(a, b, c, r, i):
-    """The linear form a x + b y + c z of world coordinates, in the frame of the rotation in lane
+    """The linear form a x + b y + c z of world coordinates, in the frame of the rotation at place
     i."""
     return (
         a * r[0, i] + b * r[3, i] + c * r[6, i],
@@ -182,18 +183,18 @@ def form(a, b, c, r, i):
 
 
 @inline
-def set_linear(w, i):
-    """Value and first-order coefficients of the jet in lane i of a TURNING."""
-    w.c[0, i] = w.jets[0, i]
-    w.c[1, i], w.c[2, i], w.c[3, i] = form(w.jets[1, i], w.jets[2, i], w.jets[3, i], w.turns, i)
+def set_linear(w, i, jet):
+    """Value and first-order coefficients in place i of a TURNING, from HEAD_JETS."""
+    w.c[0, i] = jet.h[i]
+    w.c[1, i], w.c[2, i], w.c[3, i] = form(jet.x[i], jet.y[i], jet.z[i], w.turns, i)
 
 
 @inline
-def set_quadratic(w, i):
-    """Second-order coefficients of the jet in lane i of a TURNING, and their bound."""
-    q, r, jet = w.c, w.turns, w.jets
-    xx, xy, yy = 0.5 * jet[4, i], jet[5, i], 0.5 * jet[6, i]
-    xz, yz, zz = jet[7, i], jet[8, i], 0.5 * jet[9, i]
+def set_quadratic(w, i, jet):
+    """Second-order coefficients in place i of a TURNING, and their bound."""
+    q, r = w.c, w.turns
+    xx, xy, yy = 0.5 * jet.xx[i], jet.xy[i], 0.5 * jet.yy[i]
+    xz, yz, zz = jet.xz[i], jet.yz[i], 0.5 * jet.zz[i]
     ux, uy, uz = form(xx, xy, xz, r, i)
     vx, vy, vz = form(0.0, yy, yz, r, i)
     wx, wy, wz = form(0.0, 0.0, zz, r, i)
@@ -206,13 +207,14 @@ def set_quadratic(w, i):
 
 
 @inline
-def set_cubic(w, i):
-    """Third-order coefficients of the jet in lane i of a TURNING, and their bound. The cubic is (a
-    . d)^2 (u . d) + (b . d)^2 (v . d) + (c . d)^2 (w . d) plus the product of all three forms."""
-    q, r, jet = w.c, w.turns, w.jets
-    xxx, xxy, xyy, yyy = jet[10, i] / 6.0, 0.5 * jet[11, i], 0.5 * jet[12, i], jet[13, i] / 6.0
-    xxz, xyz, yyz = 0.5 * jet[14, i], jet[15, i], 0.5 * jet[16, i]
-    xzz, yzz, zzz = 0.5 * jet[17, i], 0.5 * jet[18, i], jet[19, i] / 6.0
+def set_cubic(w, i, jet):
+    """Third-order coefficients in place i of a TURNING, and their bound. The cubic is
+    (a . d)^2 (u . d) + (b . d)^2 (v . d) + (c . d)^2 (w . d) plus the product of all three
+    forms."""
+    q, r = w.c, w.turns
+    xxx, xxy, xyy = jet.xxx[i] / 6.0, 0.5 * jet.xxy[i], 0.5 * jet.xyy[i]
+    yyy, xxz, xyz, yyz = jet.yyy[i] / 6.0, 0.5 * jet.xxz[i], jet.xyz[i], 0.5 * jet.yyz[i]
+    xzz, yzz, zzz = 0.5 * jet.xzz[i], 0.5 * jet.yzz[i], jet.zzz[i] / 6.0
     ax, ay, az = r[0, i], r[1, i], r[2, i]
     bx, by, bz = r[3, i], r[4, i], r[5, i]
     cx, cy, cz = r[6, i], r[7, i], r[8, i]
@@ -234,56 +236,52 @@ def set_cubic(w, i):
 
 
 @kernel
-def gather_lanes(jets, chosen, rotations, work):
-    """Copy up to LANES HEAD_JETs and the rotations of their patches into the lanes of a TURNING,
-    and repeat the first one in the lanes that are left."""
+def gather_turns(count, chosen, rotations, work):
+    """Copy the rotations of the poses of up to `count` patches into a TURNING, and repeat the first
+    one in the places that are left."""
     w = work[0]
-    for i in range(LANES):
-        n = i if i < jets.size else 0
-        jet, r = jets[n], rotations[chosen[n].pose]
+    for i in range(count):
+        r = rotations[chosen[i if i < chosen.size else 0].pose]
         for j in range(9):
             w.turns[j, i] = r[j]
-        w.jets[0, i], w.jets[1, i], w.jets[2, i], w.jets[3, i] = jet.h, jet.x, jet.y, jet.z
-        w.jets[4, i], w.jets[5, i], w.jets[6, i] = jet.xx, jet.xy, jet.yy
-        w.jets[7, i], w.jets[8, i], w.jets[9, i] = jet.xz, jet.yz, jet.zz
-        w.jets[10, i], w.jets[11, i], w.jets[12, i] = jet.xxx, jet.xxy, jet.xyy
-        w.jets[13, i], w.jets[14, i], w.jets[15, i] = jet.yyy, jet.xxz, jet.xyz
-        w.jets[16, i], w.jets[17, i] = jet.yyz, jet.xzz
-        w.jets[18, i], w.jets[19, i] = jet.yzz, jet.zzz
 
 
 @kernel
-def turn_lanes(work):
-    """Compute the polynomials of a TURNING."""
-    w = work[0]
-    for i in range(LANES):
-        set_linear(w, i)
-    for i in range(LANES):
-        set_quadratic(w, i)
-    for i in range(LANES):
-        set_cubic(w, i)
+def turn_jets(count, jets, work):
+    """Compute the first `count` polynomials of a TURNING from HEAD_JETS."""
+    w, jet = work[0], jets[0]
+    for i in range(count):
+        set_linear(w, i, jet)
+    for i in range(count):
+        set_quadratic(w, i, jet)
+    for i in range(count):
+        set_cubic(w, i, jet)
 
 
 @kernel
-def scatter_lanes(work, polynomials_out):
-    """Copy the first polynomials (N,) out of a TURNING."""
-    w = work[0]
+def scatter(jets, work, polynomials_out):
+    """Copy the first polynomials (N,) out of a TURNING, and their heads out of HEAD_JETS."""
+    jet, w = jets[0], work[0]
     for i in range(polynomials_out.size):
         polynomial = polynomials_out[i]
         for j in range(MONOMIALS):
             polynomial.c[j] = w.c[j, i]
         polynomial.bound_2, polynomial.bound_3 = w.bound_2[i], w.bound_3[i]
+        polynomial.head = jet.h[i]
 
 
 @kernel
 def decayed_polynomials(jets, chosen, rotations, polynomials_out):
-    """Polynomials (N,) of the heads around the chosen patches' centres, from their HEAD_JETs."""
+    """Polynomials (N,) of the heads around the chosen patches' centres, from HEAD_JETS, one for
+    each CHUNK of them."""
     work = workspace(TURNING)
-    for start in range(0, jets.size, LANES):
-        end = min(start + LANES, jets.size)
-        gather_lanes(jets[start:end], chosen[start:end], rotations, work)
-        turn_lanes(work)
-        scatter_lanes(work, polynomials_out[start:end])
+    for chunk in range(jets.size):
+        start, end = chunk * CHUNK, min((chunk + 1) * CHUNK, chosen.size)
+        filled = -(-(end - start) // LANES) * LANES
+        gather_turns(filled, chosen[start:end], rotations, work)
+        own = jets[chunk : chunk + 1]
+        turn_jets(filled, own, work)
+        scatter(own, work, polynomials_out[start:end])
 
 
 @inline

@@ -31,6 +31,7 @@ from sim.methods.patches.polynomial import (
     monomials,
     moved_monomials,
 )
+from sim.precision import single
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -79,7 +80,8 @@ level, and the patch after it and the patches of lower levels inside it, which f
 level 0 are the smallest ones. A patch of a higher level has a single node."""
 
 NODE = record(
-    x="f8", y="f8", z="f8", half_x="f8", half_y="f8", half_z="f8", after="i8", leaf="i8"
+    x="real", y="real", z="real", half_x="real", half_y="real", half_z="real",
+    after="word", leaf="word",
 )  # fmt: skip
 """A node's bounding box [m]: its middle relative to the patch's centre and its half sides; after:
 the node after its subtree; leaf: the number of its leaf, -1 for other nodes. A node fills one cache
@@ -89,10 +91,10 @@ MOMENTS = record(linear=("f8", (6, LINEAR)), bending=("f4", (6, BENDING)))
 """A node's moments, by group of monomials."""
 
 LEAF = record(
-    x=("f8", LEAF_VERTICES), y=("f8", LEAF_VERTICES), z=("f8", LEAF_VERTICES),
-    weights=("f8", (6, LEAF_VERTICES)), bends=("f8", (QUADRATICS, SUMS)),
-    fans=("i8", LEAF_VERTICES), triangles=("i4", LEAF_TRIANGLES), first="i8",
-    middle_x="f8", middle_y="f8", middle_z="f8",
+    x=("real", LEAF_VERTICES), y=("real", LEAF_VERTICES), z=("real", LEAF_VERTICES),
+    weights=("real", (6, LEAF_VERTICES)), bends=("real", (QUADRATICS, SUMS)),
+    fans=("word", LEAF_VERTICES), triangles=("i4", LEAF_TRIANGLES), first="i8",
+    middle_x="real", middle_y="real", middle_z="real",
 )  # fmt: skip
 """A leaf.
 
@@ -103,7 +105,7 @@ each vertex as bits, 0 for unused ones; triangles: as in `triangle_codes`, 0 for
 its first TRIANGLE.
 """
 
-TRIANGLE = record(area=("f8", 4), arms=("f8", (3, 4)))
+TRIANGLE = record(area=("real", 4), arms=("real", (3, 4)))
 """A triangle: its area vector [m^2], and the cross products [m^3] of its corners, from the hull
 frame's origin, and this vector. Their fourth numbers are 0 and fill vector registers."""
 
@@ -117,6 +119,12 @@ class PatchTree(NamedTuple):
     moments: Table
     leaves: Table
     triangles: Table
+
+    @property
+    def in_single(self) -> "PatchTree":
+        """The same tables for kernels in single precision."""
+        kinds = PATCH, NODE, MOMENTS, LEAF, TRIANGLE
+        return PatchTree(*(t.astype(single(kind)) for t, kind in zip(self, kinds, strict=True)))
 
 
 def triangle_codes(corners: Integers) -> Integers:
