@@ -6,7 +6,7 @@ many waves would have to coincide.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache, partial
 from itertools import product
 from math import factorial, prod
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from sim.kernels import read_only
 from sim.water.gerstner import CHUNK, PLAIN_STEPS
 from sim.water.head_jets import HEAD_JETS, solve_head_jets
 from sim.water.jets import JET, near_particles, solve_jets
-from sim.water.many_waves import MANY_WAVES, solve_many_heads
+from sim.water.many_waves import MANY_WAVES, solve_many_head_jets, solve_many_heads
 from sim.water.samples import SAFETY, newton_steps, sample_places, still
 from sim.water.sea import Sea
 
@@ -65,7 +65,7 @@ patches are, so the radius is halved until it is shorter than the waves. A next 
 SQUEEZES = (0.0, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
 """Limits of J that are tried where patches are larger than the tolerance asks for."""
 
-WORST_PART = 4
+WORST_PART = 8
 """One of this number of samples, the worst at the last radius at which all were tried, judges the
 radii of a search."""
 
@@ -251,14 +251,17 @@ def surface_errors(
 
 
 def head_jets(
-    sea: Sea, waves: Table, x: Array, y: Array, above: Array, squeeze: float = 0.0
+    sea: Sea, waves: Table, x: Array, y: Array, above: Array, squeeze: float, is_rough: bool
 ) -> Array:
     """HEAD_TERMS (T, N) of the head at the points x, y with heights `above` the level, all (N,)
-    [m], of the sea's own waves or fitted ones. squeeze: as in `jets.solve_jets`."""
+    [m], of the sea's own waves or fitted ones. squeeze: as in `jets.solve_jets`; is_rough: whether
+    sums over many waves may be in single precision."""
     jets, time = np.empty(-(-x.size // CHUNK), HEAD_JETS), sea.ramp
     tolerance = float(sea.water["tolerance"][0])
     near = near_particles(x, y, waves, time, 1, tolerance)
-    solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets)
+    is_rough = is_rough and waves.size >= MANY_WAVES
+    solve = solve_many_head_jets if is_rough else solve_head_jets
+    solve(x, y, above, near, waves, time, tolerance, squeeze, jets)
     return np.stack([jets[name].ravel()[: x.size] for name in HEAD_TERMS])
 
 
@@ -275,24 +278,24 @@ def head_errors(
     above = sea.elevation(x, y, sea.ramp) - still(sea) + radius * np.minimum(share, 0.0)
     above += 0.7 * radius * np.maximum(share, 0.0)
     above = np.maximum(above, -sea.depth)
-    jets = head_jets(sea, waves, x, y, above, squeeze)
+    jets = partial(head_jets, sea, waves, x, y, above, squeeze)
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     return _missed(sea, jets, (x, y, above), radius, product(rings, angles, DIP_ANGLES))
 
 
 def _missed(
-    sea: Sea, jets: Array, places: tuple[Array, Array, Array], radius: float,
+    sea: Sea, jets: Callable[[bool], Array], places: tuple[Array, Array, Array], radius: float,
     around: Iterable[tuple[float, float, float]],
 ) -> Array:  # fmt: skip
-    """Largest errors (N,) [m] of jets (T, N) at places x, y and `above` the level, all (N,) [m], at
-    points around them: a distance in radii, a direction and a dip [rad]."""
+    """Largest errors (N,) [m] of jets (T, N), rough or not, at places x, y and `above` the level,
+    all (N,) [m], at points around them: a distance in radii, a direction and a dip [rad]."""
     around = list(around)
     steps, round_off = rough_steps(sea)
     if steps < PLAIN_STEPS:
-        worst = _missed_of(rough_heads(sea, steps), sea, jets, places, radius, around)
+        worst = _missed_of(rough_heads(sea, steps), sea, jets(True), places, radius, around)
         if worst.max(initial=0.0) > round_off:
             return worst
-    return _missed_of(true_heads(sea), sea, jets, places, radius, around)
+    return _missed_of(true_heads(sea), sea, jets(False), places, radius, around)
 
 
 def _missed_of(
@@ -397,13 +400,16 @@ def _deep_error(sea: Sea, level: Level, squeeze: float) -> float:
     patches whose centres are at the depth of the level."""
     x, y = (axis[::DEEP_STRIDE] for axis in sample_places(sea))
     above, radius = np.full(x.size, -level.depth), (1.0 + CENTRE_SHIFT_RADII) * level.radius
-    if level.waves.size:
-        jets = head_jets(sea, level.waves, x, y, above, squeeze)
-    else:
-        jets = np.zeros((len(HEAD_TERMS), x.size))
-        names = list(HEAD_TERMS)
-        jets[names.index("h")], jets[names.index("z")] = level.depth, -1.0
-    jets[0] -= level.sunk
+
+    def jets(is_rough: bool) -> Array:
+        if level.waves.size:
+            found = head_jets(sea, level.waves, x, y, above, squeeze, is_rough)
+        else:
+            found, names = np.zeros((len(HEAD_TERMS), x.size)), list(HEAD_TERMS)
+            found[names.index("h")], found[names.index("z")] = level.depth, -1.0
+        found[0] -= level.sunk
+        return found
+
     angles = 2.0 * np.pi * np.arange(0, DIRECTIONS, 2) / DIRECTIONS
     around = product(RINGS[-1:], angles, np.radians([-45.0, 0.0, 45.0]))
     return float(_missed(sea, jets, (x, y, above), radius, around).max())
@@ -417,10 +423,16 @@ def fields_of(jets: Table, terms: Mapping[str, str]) -> Array:
 def taylor_weights(terms: Mapping[str, str], step: Mapping[str, float]) -> Array:
     """Weights (T,) of the terms in a Taylor series over a step [m] along each axis. A term is given
     by the axes of its derivative."""
-    return np.array(
-        [prod(step[a] ** axes.count(a) / factorial(axes.count(a)) for a in step)
-         for axes in terms.values()]
-    )  # fmt: skip
+    powers, divisors = _powers(tuple(terms.values()), "".join(step))
+    return (np.array([*step.values()]) ** powers).prod(axis=1) / divisors
+
+
+@cache
+def _powers(terms: tuple[str, ...], axes: str) -> tuple[Array, Array]:
+    """Powers (T, A) of steps along axes in the terms of a Taylor series, and what they are divided
+    by (T,)."""
+    powers = np.array([[term.count(axis) for axis in axes] for term in terms])
+    return powers, np.array([prod(map(factorial, row)) for row in powers.tolist()])
 
 
 def longest_edge(sea: Sea, waves: Table, tolerance: float, squeeze: float = 0.0) -> float:
@@ -450,7 +462,7 @@ def largest_bend(sea: Sea, waves: Table, squeeze: float) -> float:
         names, axes = ("z_xx", "z_xy", "z_xy", "z_yy"), 2
     else:
         above = sea.elevation(x, y, sea.ramp) - still(sea)
-        terms = head_jets(sea, waves, x, y, above, squeeze)
+        terms = head_jets(sea, waves, x, y, above, squeeze, is_rough=False)
         jets = dict(zip(HEAD_TERMS, terms, strict=True))
         names, axes = ("xx", "xy", "xz", "xy", "yy", "yz", "xz", "yz", "zz"), 3
     hessians = np.stack([jets[n] for n in names], axis=-1).reshape(-1, axes, axes)
