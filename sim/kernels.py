@@ -54,7 +54,7 @@ intrinsic: Any = typed_intrinsic
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 CACHE_LINE = 64
-"""Alignment [bytes] of the tables in a block, and so of each node and leaf of a tree."""
+"""Alignment [bytes] of the tables in a block."""
 
 MOST_TABLES = 11
 """Largest number of tables in a block."""

@@ -5,13 +5,14 @@ is far above 1e-7, `single` makes the kernel for them. Its text is that of the d
 in the text, constants, and the fields "real" of records become single, and all kernels that it
 calls are made in the same way.
 
-In such a text, what needs more digits stays double: positions, the phases of waves and the sums of
-forces are in fields "f8" and in `scratch`. Since a product of a single and a double number is
-double, `real` turns the few double numbers that enter a loop into single ones.
+In such a text, what needs more digits stays double, in fields "f8" and in `scratch`: positions,
+times, phases of waves until whole turns are taken off, heads far below the surface, and the sums of
+forces over hulls. Since a product of a single and a double number is double, `real` turns the few
+double numbers that enter a loop into single ones.
 """
 
 from collections.abc import Callable
-from types import FunctionType
+from types import CodeType, FunctionType
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,7 @@ def _single_real(x):
 reals = stack_array()
 """Like `kernels.scratch`, in the precision of the text."""
 
-_IN_SINGLE[reals] = stack_array(is_single=True)
+in_single(reals)(stack_array(is_single=True))
 
 
 def single(of: Any) -> Any:
@@ -95,9 +96,12 @@ def _single_number(number: float) -> np.float32:
 
 
 def _single_function(function: Callable[..., Any]) -> FunctionType:
-    """The text of a function with single numbers, and names that mean what they mean in single
-    precision. Its own name keeps its compiled code apart from that of the double one."""
+    """The text of a function with its constants in single precision, and with the single versions
+    of the functions and records that it names. Its own name keeps its compiled code apart from that
+    of the double one. Raises TypeError for a text with functions in it, which would stay double."""
     code, known, name = function.__code__, function.__globals__, f"single_{function.__name__}"
+    if code.co_freevars or any(isinstance(constant, CodeType) for constant in code.co_consts):
+        raise TypeError(f"{function.__name__} has a function or a comprehension in it; take it out")
     code = code.replace(co_consts=single(code.co_consts), co_name=name, co_qualname=name)
     found = {each: single(known[each]) for each in code.co_names if each in known}
     names = known | found | {"IS_SINGLE": True}

@@ -6,7 +6,6 @@ import trimesh
 
 from sim import Hull, Patches, Sea
 from sim.geometry import random_rotation
-from sim.methods.patches.patches import polynomials_of
 from sim.methods.patches.polynomial import monomials, moved_monomials
 from sim.methods.patches.tree import MOMENTS
 
@@ -22,9 +21,8 @@ def tower():
 
 def chosen_levels(patches, position, rotation, time):
     """The levels of the patches that get jets."""
-    _, block, instances = patches._alone
-    chosen, _ = polynomials_of(
-        block, instances, np.reshape(position, (1, 3)), np.reshape(rotation, (1, 9)), time
+    chosen, _ = patches._polynomials(
+        np.reshape(position, (1, 3)), np.reshape(rotation, (1, 9)), time
     )
     return patches.tree.patches["level"][chosen["patch"]]
 

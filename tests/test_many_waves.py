@@ -6,7 +6,8 @@ import trimesh
 
 import sim.methods.patches.patches as patches_module
 from independent import load_mesh, random_rotation
-from sim import Hull, Patches, Sea
+from sim import Hull, Patches, Sea, Wave
+from sim.methods.method import PLACE
 from sim.methods.patches import fit
 from sim.methods.patches.fit import (
     head_errors,
@@ -103,15 +104,46 @@ def test_wrenches_are_those_in_double_precision(pressure, count, monkeypatch):
 
 
 def is_single(method: Patches) -> bool:
-    return method._alone[0] is not patches_module.patches_wrenches
+    return method._alone[0] is patches_module.single_patches_wrenches
 
 
-def test_a_tight_tolerance_and_flat_water_keep_double_precision():
+def test_tight_tolerances_flat_water_and_seas_about_to_fold_keep_double_precision():
     hull = Hull.from_trimesh(trimesh.creation.box((1.0, 1.0, 1.0)))
     sea = waves_of(MANY_WAVES)
     assert is_single(Patches(hull, sea, 1e-3))
     assert not is_single(Patches(hull, sea, 1e-6))
     assert not is_single(Patches(hull, Sea()))
+    folding = Sea([Wave(0.98 / (2.0 * np.pi) * 8.0, 8.0)])
+    assert not is_single(Patches(hull, folding, 0.02))
+
+
+def test_a_tolerance_is_kept_that_is_large_for_the_waves_and_small_for_the_hull():
+    """Single precision loses digits of the hull's length."""
+    hull, sea = Hull.from_trimesh(trimesh.creation.box((20.0, 10.0, 6.0))), Sea([Wave(1e-3, 100.0)])
+    method, rng = Patches(hull, sea, 1e-7), np.random.default_rng(7)
+    for _ in range(5):
+        places, found = method.heads_at_vertices(np.zeros(3), random_rotation(rng), 1.0)
+        x, y, z = places.T
+        assert np.nanmax(np.abs(found - sea.head(x, y, z, 1.0))[found > 0.0]) < 1e-7
+
+
+def test_hulls_with_tight_and_loose_tolerances_are_computed_apart():
+    hull, sea = Hull.from_trimesh(trimesh.creation.box((1.0, 1.0, 1.0))), waves_of(3)
+    methods = [Patches(hull, sea, tolerance) for tolerance in (1e-3, 1e-6, 2e-3)]
+    places = np.array([(0, row) for row in range(3)], PLACE)
+    parts = Patches.parts(methods, places)
+    assert [part.kernel is patches_module.patches_wrenches for part in parts] == [False, True]
+    position, rotation, wrenches = (
+        np.array([[0.1, 0.2, -0.1]]),
+        np.eye(3).reshape(1, 9),
+        np.ones(18),
+    )
+    wrenches = wrenches.reshape(3, 6)
+    for part in parts:
+        part.kernel(part.block, part.places, position, rotation, 1.0, wrenches)
+    for method, wrench in zip(methods, wrenches, strict=True):
+        alone = method.wrench(position[0], rotation[0], 1.0)
+        np.testing.assert_allclose(wrench, alone, atol=SINGLE_ROUND_OFF * np.abs(alone).max())
 
 
 @pytest.mark.parametrize("count", [MANY_WAVES, 200])

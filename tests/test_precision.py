@@ -7,7 +7,7 @@ import trimesh
 from independent import load_mesh, random_rotation, three_waves
 from sim import Drag, DragCoefficients, Hull, Patches, Sea
 from sim.kernels import inline, kernel, record, scratch, workspace
-from sim.methods.patches.patches import patches_wrenches
+from sim.methods.patches.patches import single_patches_wrenches
 from sim.precision import in_single, real, reals, single
 from sim.resistance.elements import SURFACE, Pose
 from sim.resistance.probes import PROBE, Flow
@@ -52,11 +52,13 @@ def apply(x, sums_out):
     sums_out[3] = long[0]
     sums_out[4] = real(x)
     sums_out[5] = digits(x)
-    sums_out[6] = ALMOST_ONE < 1.0 and TINY > 0.0 and pair.point.x < HUGE
+    sums_out[6] = ALMOST_ONE < 1.0
+    sums_out[7] = TINY > 0.0
+    sums_out[8] = pair.point.x < HUGE
 
 
 def results_of(function, x: float) -> np.ndarray:
-    sums = np.empty(7)
+    sums = np.empty(9)
     function(x, sums)
     return sums
 
@@ -65,8 +67,11 @@ def test_numbers_of_the_text_are_single_and_doubles_stay():
     x = 1.0 / 3.0
     short = np.float32(x)
     product = np.float32(0.3) * (short * np.float32(TENTH))
-    np.testing.assert_array_equal(results_of(single(apply), x), [product, x, short, x, short, 7, 1])
-    np.testing.assert_array_equal(results_of(apply, x), [0.3 * (x * TENTH), x, x, x, x, 16, 1])
+    np.testing.assert_array_equal(
+        results_of(single(apply), x), [product, x, short, x, short, 7, 1, 1, 1]
+    )
+    expected = [0.3 * (x * TENTH), x, x, x, x, 16, 1, 1, 1]
+    np.testing.assert_array_equal(results_of(apply, x), expected)
 
 
 def test_records_and_functions_have_one_single_version():
@@ -80,6 +85,16 @@ def test_records_and_functions_have_one_single_version():
     assert single(apply) is single(apply) is not apply
     assert single(np.dtype("f8")) == np.float64
     assert single(print) is print
+
+
+@kernel
+def nested(x):
+    return sum([0.1 * x for _ in range(3)])
+
+
+def test_a_function_in_a_text_is_refused():
+    with pytest.raises(TypeError, match="nested has a function"):
+        single(nested)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +151,7 @@ def test_far_below_the_surface_only_the_digits_of_the_rotation_are_lost():
     water."""
     hull, sea = Hull.from_trimesh(load_mesh("bunny")), Sea(three_waves().waves)
     method, rng = Patches(hull, sea), np.random.default_rng(9)
-    assert method._alone[0] is single(patches_wrenches)
+    assert method._alone[0] is single_patches_wrenches
     weight = sea.density * sea.gravity * hull.volume
     for depth in (1e2, 1e3, 1e4):
         force = method.wrench([0.3, 0.2, -depth], random_rotation(rng), 2.0)[:3]

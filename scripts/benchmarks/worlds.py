@@ -3,10 +3,10 @@
     python scripts/benchmarks/worlds.py [--worlds 64 8192] [--steps 200] [--quick] [--json FILE]
 
 For each scene, sea and number of worlds it prints the world-steps per second of mujoco_warp with
-the water and without it (the bodies then fall), the time of the water, and the largest error of the
-buoyancy in single precision against the same method in double, as a share of density * gravity *
-volume. `mujoco.batch` on this machine's cores is the comparison. On a GPU the step is captured in a
-graph. Without CUDA the figures are those of Warp's CPU device, which has one thread.
+the water and without it (the bodies then fall), the time of the water, and the largest difference
+of the buoyancy from that of the plugin, as a share of density * gravity * volume. `mujoco.batch` on
+this machine's cores is the comparison. On a GPU the step is captured in a graph. Without CUDA the
+figures are those of Warp's CPU device, which has one thread.
 """
 
 import sys
@@ -128,7 +128,8 @@ def water_time(water: Any, m: Any, d: Any, steps: int) -> float:
 
 
 def error_of(scene: Scene, m: Any, d: Any, water: Any) -> float:
-    """Largest error of the buoyancy's force over density gravity volume, in the present state."""
+    """Largest difference of the buoyancy's force from the plugin's, over density gravity volume, in
+    the present state."""
     mujoco_warp.forward(m, d)
     found, times = water.wrenches().numpy()[:JUDGED_WORLDS], water.clock.numpy()
     places, turns = d.geom_xpos.numpy(), d.geom_xmat.numpy()

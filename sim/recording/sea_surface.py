@@ -121,8 +121,8 @@ class SeaSurface:
         return Water(points, packed(self._colours(sums)))
 
     def _sums(self, labels: Array, time: float) -> Array:
-        """The offsets of all particles and their derivatives, the first fields of SUMS, (8, N)."""
-        names, work = (SUMS.names or ())[:8], np.empty(1, SUMS)
+        """The offsets of all particles and their derivatives, fields of SUMS, (8, N)."""
+        names, work = ("x", "y", "z", "z_x", "z_y", "x_x", "x_y", "y_y"), np.empty(1, SUMS)
         found = np.zeros((len(names), len(labels)))
         for band, waves in self._bands:
             if not len(waves):

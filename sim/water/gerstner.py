@@ -109,7 +109,8 @@ SUMS = record(
 )  # fmt: skip
 """Workspace: sums over the waves at a chunk's labels. x, y: offset of the particle from its label;
 z: its height above the level; z_x to y_y: derivatives of these by the label; rest_x, rest_y: from
-the particle to the point that it was solved for; sine, cosine: of the phase of one wave."""
+the particle to the point that it was solved for; cosine: the phase of one wave, and then its
+cosine; sine: its sine."""
 
 # sin(2 pi u) = u * sum SINE[i] u^2i and cos(2 pi u) = sum COSINE[i] u^2i on |u| <= 1/4, fitted
 # at Chebyshev nodes with 60 digits; the error of the fit is below 4e-18.

@@ -1,13 +1,12 @@
-"""Many waves: the sums of jets in single precision, for seas of hundreds of waves.
+"""Many waves: the sums of jets with the waves as lanes, for seas of hundreds of waves.
 
 `jets` and `head_jets` take the points of a chunk as lanes, one wave after the other, and load and
 store all sums for each wave. That is best for a few waves. Here the waves are the lanes, one point
 after the other: the sums of a point stay in registers, and the factors of a tile of waves in the
 cache. `speed_vs_error.py --ship` prints what a wrench then costs.
 
-Each sum is accurate to 1e-6 of its largest values. Patches with a tighter tolerance do not use them
-(see SINGLE_TOLERANCE). Phases are reduced to a fraction of a turn in double precision, so this
-holds anywhere and at any time.
+The sums are in single precision, each accurate to 1e-6 of its largest values. Phases are reduced to
+a fraction of a turn in double precision, so this holds anywhere and at any time.
 """
 
 from collections.abc import Callable
@@ -47,10 +46,6 @@ Array = NDArray[np.float64]
 MANY_WAVES = 24
 """Number of waves from which this is faster."""
 
-SINGLE_TOLERANCE = 1e-5
-"""Smallest tolerance of a head, as a share of the highest crest, for which single precision is
-accurate enough by far."""
-
 TILE = 64
 """Number of waves whose factors are in the first-level cache together."""
 
@@ -83,9 +78,8 @@ both are the decay e^(-k d) on deep water."""
 NO_BED = 1e9
 """Twice k H of a wave that does not feel the bottom."""
 
-float32 = np.float32
-ZERO, HALF, UNIT, TWO, EIGHT = map(float32, (0.0, 0.5, 1.0, 2.0, 8.0))
-LOG2_E, MOST_HALVINGS = float32(np.log2(np.e)), float32(120.0)
+ZERO, HALF, UNIT, TWO, EIGHT = map(np.float32, (0.0, 0.5, 1.0, 2.0, 8.0))
+LOG2_E, MOST_HALVINGS = np.float32(np.log2(np.e)), np.float32(120.0)
 
 
 def _power_series(
@@ -94,7 +88,7 @@ def _power_series(
     """Coefficients of the polynomial that meets a function at Chebyshev's nodes from 0 to an
     end."""
     found = Chebyshev.interpolate(function, degree, [0.0, end])
-    return tuple(map(float32, found.convert(kind=Polynomial).coef))
+    return tuple(map(np.float32, found.convert(kind=Polynomial).coef))
 
 
 # of sin(2 pi u) / u and cos(2 pi u) by u^2, for |u| <= 1/4, and of 2^-f for 0 <= f <= 1
@@ -189,7 +183,7 @@ def set_phases(count, factors, x, y, phases_out):
 @kernel
 def set_decays(count, factors, depth, phases_out):
     """Set C and S of the first `count` waves of a tile at a depth [m] below the surface."""
-    q, p, d = factors[0], phases_out[0], float32(depth)
+    q, p, d = factors[0], phases_out[0], np.float32(depth)
     for w in range(count):
         e = single_decay(q.k[w] * d)
         p.down[w], p.up[w] = e, e

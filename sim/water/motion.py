@@ -35,7 +35,7 @@ from sim.water.gerstner import (
 )
 
 MOTION = record(x=REALS, y=REALS, z=REALS, cosine=REALS)
-"""Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points; cosine: of
+"""Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points; cosine:
 the phase of one wave."""
 
 VELOCITY, ACCELERATION = np.int64(0), np.int64(1)

@@ -15,7 +15,6 @@ from sim.hulls.primitives import box  # noqa: E402
 from sim.methods import linear  # noqa: E402
 from sim.methods.patches import patches, polynomial, tree  # noqa: E402
 from sim.plugin import native  # noqa: E402
-from sim.precision import single  # noqa: E402
 from sim.resistance import drag, elements, probes, reaction  # noqa: E402
 from sim.water import gerstner, head, head_jets, jets  # noqa: E402
 from sim.worlds import programs, threads  # noqa: E402
@@ -218,9 +217,7 @@ def patch_cases(rng, rotation) -> dict[str, Call]:
     whole = tree.joined([method.tree])
     tables = tree.PatchTree(*map(rows, whole))
     positions = np.array([[0.1, 0.2, 0.05]])
-    _, block, places = method._alone
-    given = block, places, positions, rotation.reshape(1, 9), 0.7
-    chosen, found = single(patches.polynomials_of)(*given)
+    chosen, found = method._polynomials(positions, rotation.reshape(1, 9), 0.7)
     found = found.astype(polynomial.POLYNOMIAL)
     wet, opened = np.empty((2, 1000), patches.FOUND)
     counts = patches.walk(whole, chosen, found, wet, opened)

@@ -14,13 +14,14 @@ from sim.resistance.drag import Drag, DragCoefficients  # noqa: E402
 from sim.worlds.seas import at_sea, check_probes  # noqa: E402
 
 PATCHES_ERROR, LINEAR_ERROR = 1e-6, 5e-6
-"""Single against double precision, as a share of density * gravity * volume."""
+"""Single precision here, single or (linear) double in the plugin, as a share of density * gravity *
+volume."""
 
 ACCELERATION_ERROR = 2e-5
-"""Single against double precision, with drag and added mass, as a share of the largest one."""
+"""The same with drag and added mass, as a share of the largest acceleration."""
 
 DRIFT = 5e-5
-"""Distance [m] after 500 steps between single and double precision."""
+"""Distance [m] after 500 steps between worlds in single precision and MuJoCo in double."""
 
 BOAT = """
 <mujoco>
@@ -108,7 +109,7 @@ def buoyancy_errors(scene: Scene, m, d, water, push=None) -> np.ndarray:
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (1003.7, -702.3, 0.0), (0.0, 0.0, 10000.0)])
 @pytest.mark.parametrize("name", ["bunny", "wigley", "catamaran", "robot"])
-def test_single_precision_follows_double(name, place):
+def test_patches_follow_the_plugin(name, place):
     scene = Scene.load(MODELS / f"{name}.xml")
     m, d, water = started(scene, 8, time=place[2], shift=place[:2])
     errors = buoyancy_errors(scene, m, d, water)
@@ -117,7 +118,7 @@ def test_single_precision_follows_double(name, place):
 
 
 @pytest.mark.parametrize("name", ["bunny", "wigley"])
-def test_the_linear_method_follows_double(name):
+def test_the_linear_method_follows_the_plugin(name):
     scene = Scene.load(MODELS / f"{name}.xml", settings={"buoyancy_method": "linear"})
     m, d, water = started(scene, 8, time=10000.0, shift=(1000.0, 0.0))
     assert buoyancy_errors(scene, m, d, water).max() < LINEAR_ERROR

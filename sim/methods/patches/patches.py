@@ -100,7 +100,6 @@ from sim.water.head_jets import HEAD_JETS, solve_head_jets
 from sim.water.jets import JET, Near, near_particles, solve_jets
 from sim.water.many_waves import (
     MANY_WAVES,
-    SINGLE_TOLERANCE,
     many_near_particles,
     solve_many_head_jets,
     solve_many_jets,
@@ -110,6 +109,10 @@ from sim.water.sea import Sea
 
 Array = NDArray[np.float64]
 Table = NDArray[np.void]
+
+SINGLE_TOLERANCE = 1e-5
+"""Smallest tolerance of a head, as a share of the highest crest and of the hull's length, for which
+single precision is accurate enough by far."""
 
 LARGEST_FORCE_ERROR, JUDGED_POSES = 1e-2, 4
 """Largest error of the force that a coarsened tolerance may leave, as a share of density * gravity
@@ -167,11 +170,11 @@ class Patches(Compiled):
     for a tolerance that is not positive or needs too many patches.
 
     is_coarse: whether the default could not be kept; is_loose: whether the tolerance is far above
-    the errors of single precision; tree: the hull cut for this sea; radius [m]:
-    of the largest patch allowed at the surface, inf on flat water; levels: the fitted components
-    of the sea from which this hull's jets are made, as in the search for the radius, and those of
-    the larger patches far below the surface. Fits over smaller discs can have larger errors where a
-    wave is shorter than a patch.
+    the errors of single precision, which is then used unless the sea is about to fold; tree: the
+    hull cut for this sea; radius [m]: of the largest patch allowed at the surface, inf on flat
+    water; levels: the fitted components of the sea from which this hull's jets are made, as in the
+    search for the radius, and those of the larger patches far below the surface. Fits over smaller
+    discs can have larger errors where a wave is shorter than a patch.
     """
 
     def __init__(self, hull: Hull, sea: Sea, tolerance: float | None = None) -> None:
@@ -193,7 +196,8 @@ class Patches(Compiled):
         super().__init__(hull, sea)
         sizes, self.tree = cut(hull, sea, tolerance)
         self.radius, self.tolerance = sizes.radius, sizes.tolerance
-        self.is_loose = sizes.tolerance > SINGLE_TOLERANCE * sea.water["amplitude"][0]
+        scale = max(float(sea.water["amplitude"][0]), hull.length)
+        self.is_loose = bool(sea.waves) and sizes.tolerance > SINGLE_TOLERANCE * scale
         self.squeeze = sizes.squeeze
         self.is_coarse = sizes.is_coarse
         self.levels = (Level(self.radius, 0.0, 0.0, jet_waves(sea, self.radius)), *sizes.deep)
@@ -238,7 +242,15 @@ class Patches(Compiled):
 
     @classmethod
     def parts(cls, methods: Sequence[Self], places: Table) -> list[Part]:
-        """One part. Hulls with the same tree share it."""
+        """One part for hulls with a loose tolerance, and one for others."""
+        groups: dict[bool, list[int]] = {True: [], False: []}
+        for i, method in enumerate(methods):
+            groups[method.is_loose].append(i)
+        return [cls._part([methods[i] for i in g], places[g]) for g in groups.values() if g]
+
+    @classmethod
+    def _part(cls, methods: Sequence[Self], places: Table) -> Part:
+        """A part of hulls in one precision. Hulls with the same tree share it."""
         sea = methods[0].sea
         of_trees = list({id(method.tree): method for method in methods}.values())
         numbers = {id(method.tree): i for i, method in enumerate(of_trees)}
@@ -257,11 +269,18 @@ class Patches(Compiled):
         waves = np.concatenate([level.waves for level in of_levels])
         tables, solve = joined([m.tree for m in of_trees]), solve_table(methods)
         kernel = patches_wrenches
-        if is_single(methods, waves, solve):
-            tables, waves, kernel = tables.in_single, waves.astype(single(WAVE)), single(kernel)
+        if methods[0].is_loose and solve["steps"][0] < PLAIN_STEPS:
+            kernel = single_patches_wrenches
+            tables, waves = tables.in_single, waves.astype(single(WAVE))
         block = packed(*tables, waves, sea.water, solve, level_table(of_levels, sea))
         instances = instances[np.argsort(which, kind="stable")]
-        return [Part(kernel, block, read_only(instances))]
+        return Part(kernel, block, read_only(instances))
+
+    def _polynomials(self, positions: Array, rotations: Array, time: float) -> tuple[Table, Table]:
+        """The CHOSEN patches and the POLYNOMIAL of each, for poses (1, 3) and (1, 9)."""
+        kernel, block, instances = self._alone
+        of_block = polynomials_of if kernel is patches_wrenches else single_polynomials_of
+        return of_block(block, instances, positions, rotations, time)
 
     def heads_at_vertices(
         self, position: ArrayLike, rotation: ArrayLike, time: float
@@ -271,14 +290,13 @@ class Patches(Compiled):
         reach."""
         positions = np.ascontiguousarray(position, dtype=float).reshape(1, 3)
         rotations = np.ascontiguousarray(rotation, dtype=float).reshape(1, 9)
-        kernel, block, instances = self._alone
-        of_block = polynomials_of if kernel is patches_wrenches else single(polynomials_of)
-        chosen, reached = of_block(block, instances, positions, rotations, float(time))
+        chosen, reached = self._polynomials(positions, rotations, float(time))
         patches, leaves = self.tree.patches, self.tree.leaves
         coefficients, used = np.full((len(patches), MONOMIALS), np.nan), np.arange(len(patches))
-        for patch, row in zip(chosen["patch"], reached["c"], strict=True):
+        for patch, row, head in zip(chosen["patch"], reached["c"], reached["head"], strict=True):
             inside = slice(patch, patches["after"][patch])
             coefficients[inside], used[inside] = row, patch
+            coefficients[inside, 0] = head
         small = np.flatnonzero(patches["level"] == 0)
         of_leaf = np.flatnonzero(self.tree.nodes["leaf"] >= 0)
         patch = small[np.searchsorted(patches["end"][small], of_leaf, side="right")]
@@ -303,12 +321,6 @@ def solve_table(methods: Sequence[Patches]) -> Table:
     # the heights are those of nearby particles, hence the shift
     reach = np.hypot(1.0, slope) + CENTRE_SHIFT_RADII * slope
     return np.array([(steps, residual, squeeze, reach)], SOLVE)
-
-
-def is_single(methods: Sequence[Patches], waves: Table, solve: Table) -> bool:
-    """Whether single precision is enough for methods that share a sea."""
-    is_loose = all(method.is_loose for method in methods)
-    return bool(is_loose and waves.size and solve["steps"][0] < PLAIN_STEPS)
 
 
 def level_table(levels: Sequence[Level], sea: Sea) -> Table:
@@ -700,3 +712,7 @@ def patches_wrenches(block, instances, positions, rotations, time, wrenches_out)
         for j in range(3):
             six[j], six[3 + j] = sums[i, j], sums[i, TORQUE + j]
         write_turned(six, turn, 1.0, wrenches_out[instances[i].row])
+
+
+single_polynomials_of = single(polynomials_of)
+single_patches_wrenches = single(patches_wrenches)

@@ -39,7 +39,7 @@ SIX_SUMS = [0, 1, 2, TORQUE, TORQUE + 1, TORQUE + 2]
 POLYNOMIAL = record(c=("real", MONOMIALS), bound_2="real", bound_3="real", head="f8", fills="f8")
 """Coefficients of a head in the body frame around a patch's centre, and bounds on its second-order
 terms over the distance squared and its third-order terms over the distance cubed. head [m]: the
-first coefficient, with all digits."""
+first coefficient, with all digits. fills: fills the last cache line in double precision."""
 
 TURNING = record(
     turns=("real", (9, CHUNK)), c=("real", (MONOMIALS, CHUNK)), bound_2=REALS, bound_3=REALS

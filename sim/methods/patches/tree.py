@@ -42,7 +42,7 @@ LEAF_TRIANGLES = LEAF_VERTICES = 24
 further. Smaller leaves make a deeper tree and more leaves on the waterline. Larger ones make more
 opened triangles that the waterline does not touch. All leaves have this size in memory, so that
 loops over them have a fixed length and vectorise. It is a multiple of gerstner.LANES, at most
-32."""
+31."""
 
 SEED_DISTANCE_RADII = 1.5
 """Distance, in patch radii, from all seeds of patches beyond which a triangle becomes a seed
@@ -85,7 +85,7 @@ NODE = record(
 )  # fmt: skip
 """A node's bounding box [m]: its middle relative to the patch's centre and its half sides; after:
 the node after its subtree; leaf: the number of its leaf, -1 for other nodes. A node fills one cache
-line, which is all that a walk reads of it."""
+line, or half of one in single precision, which is all that a walk reads of it."""
 
 MOMENTS = record(linear=("f8", (6, LINEAR)), bending=("f4", (6, BENDING)))
 """A node's moments, by group of monomials."""
