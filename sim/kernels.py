@@ -295,7 +295,6 @@ def workspace(typingctx, dtype):
 def stack_array(is_zero: bool = False, is_single: bool = False) -> Any:
     """Make an intrinsic (shape) -> array of numbers on the stack. The shape, an integer or a tuple,
     is known to the compiler."""
-
     real = types.float32 if is_single else types.float64
 
     @typed_intrinsic(prefer_literal=True)

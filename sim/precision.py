@@ -30,7 +30,7 @@ IS_SINGLE = False
 """Whether the text is compiled in single precision."""
 
 _IN_SINGLE: dict[Any, Any] = {}
-"""What stands for a function in single precision."""
+"""The single version of each function that has one."""
 
 
 def in_single(function: Any) -> Callable[[Any], Any]:
@@ -62,8 +62,8 @@ in_single(reals)(stack_array(is_single=True))
 
 
 def single(of: Any) -> Any:
-    """A kernel, an inline function, a record or a number in single precision. Anything else, and a
-    tuple with such things in it, as it is."""
+    """A kernel, an inline function, a record, a number or a tuple of such things in single
+    precision. Anything else is returned as it is."""
     if isinstance(of, np.dtype):
         return _single_record(of)
     if isinstance(of, float):

@@ -72,7 +72,7 @@ POSITION_STAGE = 1
 NOTICE_SECONDS = 2.0
 """Time of compiling after which a notice is printed."""
 
-KERNEL_COUNT = 115
+KERNEL_COUNT = 205
 """Number of kernels of a first run, for the notice."""
 
 

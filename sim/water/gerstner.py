@@ -105,12 +105,12 @@ LABELS = record(x=ROW, y=ROW, residual=ROW)
 
 SUMS = record(
     x=REALS, y=REALS, z=REALS, z_x=REALS, z_y=REALS, x_x=REALS, x_y=REALS, y_y=REALS,
-    rest_x=REALS, rest_y=REALS, sine=REALS, cosine=REALS,
+    rest_x=REALS, rest_y=REALS, phase=REALS, sine=REALS, cosine=REALS,
 )  # fmt: skip
 """Workspace: sums over the waves at a chunk's labels. x, y: offset of the particle from its label;
 z: its height above the level; z_x to y_y: derivatives of these by the label; rest_x, rest_y: from
-the particle to the point that it was solved for; cosine: the phase of one wave, and then its
-cosine; sine: its sine."""
+the particle to the point that it was solved for; phase: of one wave [turns], from -1/2 to 1/2;
+sine, cosine: of this phase."""
 
 # sin(2 pi u) = u * sum SINE[i] u^2i and cos(2 pi u) = sum COSINE[i] u^2i on |u| <= 1/4, fitted
 # at Chebyshev nodes with 60 digits; the error of the fit is below 4e-18.
@@ -252,11 +252,11 @@ def add_wave(p, i, s, c, a, ka, dx, dy, wide_x, wide_y):
 
 @inline
 def set_phases(p, count, turns_x, turns_y, turns, at):
-    """Set `cosine` to the phases of a wave at the first `count` labels, in turns from -1/2 to 1/2.
-    Single precision is enough for these."""
+    """Set the phases of a wave at the first `count` labels. Without whole turns they may be
+    single."""
     for i in range(count):
         phase = turns_x * at.x[i] + turns_y * at.y[i] + turns
-        p.cosine[i] = phase - np.floor(phase + 0.5)
+        p.phase[i] = phase - np.floor(phase + 0.5)
 
 
 @kernel
@@ -274,7 +274,7 @@ def wave_sums(count, waves, time, labels, sums_out):
         wide_x, wide_y = wave.stretch * dx, wave.stretch * dy
         set_phases(p, count, turns_x, turns_y, turns, at)
         for i in range(count):
-            s, c = sine_cosine(p.cosine[i])
+            s, c = sine_cosine(p.phase[i])
             add_wave(p, i, s, c, a, ka, dx, dy, wide_x, wide_y)
 
 

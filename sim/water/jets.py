@@ -138,7 +138,7 @@ def add_wave_jet(at, p, h, count, wave, time):
     )  # fmt: skip
     set_phases(p, count, turns_x, turns_y, turns, at)
     for i in range(count):
-        p.sine[i], p.cosine[i] = sine_cosine(p.cosine[i])
+        p.sine[i], p.cosine[i] = sine_cosine(p.phase[i])
     for i in range(count):
         add_wave(p, i, p.sine[i], p.cosine[i], a, ka, dx, dy, wide_x, wide_y)
     for i in range(count):

@@ -34,9 +34,9 @@ from sim.water.gerstner import (
     sine_cosine,
 )
 
-MOTION = record(x=REALS, y=REALS, z=REALS, cosine=REALS)
-"""Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points; cosine:
-the phase of one wave."""
+MOTION = record(x=REALS, y=REALS, z=REALS, phase=REALS)
+"""Workspace: velocities [m/s] or accelerations [m/s^2] of the water at a chunk's points; phase:
+of one wave, as in SUMS."""
 
 VELOCITY, ACCELERATION = np.int64(0), np.int64(1)
 """Orders of a motion. NumPy integers, because each Python integer would compile `water_motion`
@@ -109,14 +109,14 @@ def water_motion(order, depths, waves, water, time, labels, motion_out):
         set_phases(v, count, turns_x, turns_y, turns, at)
         if wave.bed == 0.0:
             for i in range(count):
-                s, c = sine_cosine(v.cosine[i])
+                s, c = sine_cosine(v.phase[i])
                 below = decay(k * abs(depths[i]))
                 swing = speed * reflected(1.0, below, depths[i])
                 add_swing(v, i, dx, dy, swing, swing, s, c)
         else:
             speed *= wave.stretch
             for i in range(count):
-                s, c = sine_cosine(v.cosine[i])
+                s, c = sine_cosine(v.phase[i])
                 along, up = bed_decays(k * abs(depths[i]), wave.bed, wave.tanh)
                 along = speed * reflected(1.0, along, depths[i])
                 up = speed * reflected(wave.tanh, up, depths[i])
