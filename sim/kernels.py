@@ -10,6 +10,8 @@ Conventions of all kernels:
   view of an array is reference-counted, so loops with branches index arrays instead.
 - Output arguments come last and end in `_out`. A kernel named `add_...` or `subtract_...` adds to
   the values that it finds there.
+- A kernel neither counts references to arrays nor makes any, unless a name in MAKERS shows that it
+  or a function that it calls does. So it must not return an array that it was given.
 - A workspace is a table with one row, whose fields are arrays. `workspace` and `scratch` make
   memory on the stack, which lasts until the kernel returns and costs nothing. `np.empty` asks the
   system for memory, and is for sizes that are known only in a call. A row does not keep a table of
@@ -123,10 +125,28 @@ def _warn_of_no_cache() -> None:
     )
 
 
+MAKERS = frozenset({"empty", "zeros", "copy"})
+"""Names in a text that makes an array in the system's memory."""
+
+
+def _makes_arrays(function: Callable[..., Any]) -> bool:
+    """Whether a function makes an array in the system's memory, or one that it calls does. In all
+    others numba need not count references, which takes two calls for each array argument."""
+    known = function.__globals__
+    return any(
+        name in MAKERS or getattr(known.get(name), "makes_arrays", False)
+        for name in function.__code__.co_names
+    )
+
+
 def _compiled(function: Kernel, *liberties: str) -> Kernel:
-    options: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+    makes_arrays = _makes_arrays(function)
+    options: dict[str, Any] = {
+        "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True, "_nrt": makes_arrays
+    }  # fmt: skip
     dispatcher: Any = njit(fastmath=set(liberties), **options)(function)
     dispatcher._cache = _kept_code(function)
+    dispatcher.makes_arrays = makes_arrays
     dispatcher.again = lambda other: _compiled(other, *liberties)
     return dispatcher
 
@@ -151,7 +171,10 @@ class CFunction:
     def _call(self) -> Callable[..., Any]:
         count = self._function.__code__.co_argcount
         signature = self._result(*[types.int64] * count)
-        options = {"fastmath": {"contract"}, "error_model": "numpy"}
+        options = {
+            "fastmath": {"contract"}, "error_model": "numpy",
+            "_nrt": _makes_arrays(self._function),
+        }  # fmt: skip
         whole = signature.args, signature.return_type
         compiled: Any = CFunc(self._function, whole, {}, options)
         compiled._cache = _kept_code(self._function)
@@ -196,6 +219,7 @@ def summing_kernel(function: Kernel) -> Kernel:
 def inline(function: Callable[..., Any]) -> Any:
     """Compile a function into each kernel that calls it."""
     dispatcher: Any = njit(inline="always")(function)
+    dispatcher.makes_arrays = _makes_arrays(function)
     dispatcher.again = inline
     return dispatcher
 

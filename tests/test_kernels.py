@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,10 @@ from sim.kernels import (
     when_compiling,
     workspace,
 )
+from sim.methods.patches.patches import particles_near
+from sim.water.gerstner import wave_sums
+from sim.water.head_jets import solve_head_jets
+from sim.water.jets import near_particles
 
 PAIR = record(name="i8", numbers=("f8", 3))
 SINGLE = record(value="f4")
@@ -237,6 +242,26 @@ def test_no_kernel_returns_an_array_on_its_stack():
                 part = part.value
             assert ast.unparse(part) not in made, f"{name}, {function.name}: {ast.unparse(part)}"
     assert found > 40
+
+
+def test_only_kernels_that_make_arrays_count_references_and_none_returns_one_that_it_was_given():
+    """The caller would take away a reference that nobody has added."""
+    kernels: list[Any] = [wave_sums, solve_head_jets, near_particles, particles_near]
+    counts = [kernel.targetoptions["_nrt"] for kernel in kernels]
+    assert counts == [False, False, True, True]  # the last calls the one before
+    for name, function in all_kernels():
+        given = {argument.arg for argument in function.args.args}
+        if name == "memory.py":
+            given -= {"first", "second"}  # numbers
+        if "inline" in map(ast.unparse, function.decorator_list):
+            continue  # it becomes a part of its callers
+        for node in ast.walk(function):
+            if isinstance(node, ast.Return) and node.value:
+                parts = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+                for part in parts:
+                    while isinstance(part, ast.Subscript) and isinstance(part.slice, ast.Slice):
+                        part = part.value
+                    assert ast.unparse(part) not in given, f"{name}, {function.name}"
 
 
 TWO_ROWS = record(x=("f8", 3), y=("f8", 3))
