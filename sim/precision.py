@@ -55,6 +55,19 @@ def _single_real(x):
     return np.float32(x)
 
 
+@inline
+def word(n):
+    """An integer of the size that goes with the precision of the text, so that a processor takes as
+    many of them at once as of its numbers."""
+    return n
+
+
+@in_single(word)
+@inline
+def _single_word(n):
+    return np.int32(n)
+
+
 reals = stack_array()
 """Like `kernels.scratch`, in the precision of the text."""
 

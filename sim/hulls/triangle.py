@@ -17,6 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from sim.geometry import cross
 from sim.kernels import inline, kernel, scratch
 
+TWELFTH = 1.0 / 12.0
+"""A product with it takes a third of the time of a division."""
+
 
 @kernel
 def sum_wet(corners, heads, sums_out):
@@ -138,7 +141,7 @@ def dry_weights(ea, eb, ec):
     """
     tb = ea / (ea - eb)
     tc = ea / (ea - ec)
-    share, scale = tb * tc, abs(ea) / 12.0
+    share, scale = tb * tc, abs(ea) * TWELFTH
     # 2a + p + q = 4a + tb (b - a) + tc (c - a)
     pa, pb, pc = share * (4.0 - tb - tc), share * tb, share * tc
     return scale * (2.0 - pa), scale * (1.0 - pb), scale * (1.0 - pc)

@@ -17,7 +17,7 @@ import warp as wp
 
 from sim.methods.linear import FACE, SHAPE, VERTEX
 from sim.methods.patches.patches import SOLVE
-from sim.methods.patches.polynomial import MONOMIALS, POLYNOMIAL, SIX_SUMS, SUMS
+from sim.methods.patches.polynomial import MONOMIALS, POLYNOMIAL
 from sim.methods.patches.tree import LEAF, MOMENTS, NODE, PATCH, TRIANGLE
 from sim.resistance.elements import ELEMENTS, SURFACE
 from sim.resistance.probes import PROBE, QUANTITIES
@@ -380,7 +380,7 @@ def _add_patches(kernels: SimpleNamespace, kernel: Any) -> None:
     snippet = source.text(
         f"""
         const float* from = polynomials.data + (row * {POLYNOMIAL_ROWS}) * worlds + world;
-        float sums[{SUMS}] = {{0.0f}};
+        float sums[6] = {{0.0f}};
         if (from[{MONOMIALS + 2} * worlds] > 0.0f) {{
           $POLYNOMIAL p;
           for (int k = 0; k < {MONOMIALS}; k++) p.c[k] = from[k * worlds];
@@ -395,12 +395,11 @@ def _add_patches(kernels: SimpleNamespace, kernel: Any) -> None:
             Code::{views["TRIANGLE"]}{{($TRIANGLE*)triangles.data, 1, 1}}}};
           $nodes(first, end, patch, tree, p, sums);
         }}
-        const int six[6] = {{{str(SIX_SUMS)[1:-1]}}};
-        for (int k = 0; k < 6; k++) out.data[(piece * 6 + k) * worlds + world] = sums[six[k]];
+        for (int k = 0; k < 6; k++) out.data[(piece * 6 + k) * worlds + world] = sums[k];
         """,
         nodes=(
             threads.add_nodes, "int", "int", "int", tree, records["POLYNOMIAL"],
-            Fixed("real", (1, SUMS)),
+            Fixed("real", (1, 6)),
         ),
     )  # fmt: skip
 

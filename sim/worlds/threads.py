@@ -91,7 +91,7 @@ def patch_polynomial(patch, solve, waves, sea, level, rotations, polynomial_out)
 
 
 def add_nodes(first, end, patch_number, tree, polynomial, sums_out):
-    """Add the wet surface of some nodes of a patch to the sums (1, SUMS), as in `patches.walk`."""
+    """Add the wet surface of some nodes of a patch to the sums (1, 6), as in `patches.walk`."""
     chosen, wet, opened = np.empty(1, CHOSEN), np.empty(1, FOUND), np.empty(1, FOUND)
     c, w, o, p = chosen[0], wet[0], opened[0], polynomial[0]
     c.patch, c.instance, c.pose, w.chosen, o.chosen = patch_number, 0, 0, 0, 0

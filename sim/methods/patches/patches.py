@@ -62,8 +62,6 @@ from sim.methods.patches.polynomial import (
     LINEAR,
     MONOMIALS,
     POLYNOMIAL,
-    SUMS,
-    TORQUE,
     bend_at,
     decayed_polynomials,
     five,
@@ -75,6 +73,7 @@ from sim.methods.patches.sizes import cut, default_tolerance
 from sim.methods.patches.tree import (
     CORNER_BITS,
     LEAF,
+    LEAF_TERMS,
     LEAF_VERTICES,
     MOMENTS,
     NODE,
@@ -83,11 +82,9 @@ from sim.methods.patches.tree import (
     PatchTree,
     corner,
     joined,
-    odd_corner,
-    triangle_codes,
 )
 from sim.notes import say
-from sim.precision import IS_SINGLE, reals, single
+from sim.precision import IS_SINGLE, reals, single, word
 from sim.water.gerstner import (
     CHUNK,
     PLAIN_STEPS,
@@ -138,9 +135,6 @@ CHOSEN = record(patch="i8", instance="i8", pose="i8")
 
 FOUND = record(node="i8", chosen="i8")
 """Result of a walk: a wet node or the leaf of an opened one, and the number of its chosen patch."""
-
-CORNERS = int(triangle_codes(np.arange(3)[None])[0])
-"""The code whose corners are 0, 1, 2."""
 
 
 class Water(NamedTuple):
@@ -228,7 +222,7 @@ class Patches(Compiled):
         the samples."""
         x, y = sample_places(self.sea)
         heights = self.sea.elevation(x, y, self.sea.ramp)
-        weights, errors = self.tree.leaves["weights"][:, :3], []
+        weights, errors = self.tree.leaves["weights"][:, :3, :LEAF_VERTICES], []
         rng = np.random.default_rng(0)
         for i in np.argsort(-heights)[:JUDGED_POSES]:
             rotation = random_rotation(rng)
@@ -300,7 +294,7 @@ class Patches(Compiled):
         small = np.flatnonzero(patches["level"] == 0)
         of_leaf = np.flatnonzero(self.tree.nodes["leaf"] >= 0)
         patch = small[np.searchsorted(patches["end"][small], of_leaf, side="right")]
-        places = np.stack([leaves[axis] for axis in "xyz"], axis=-1)
+        places = np.stack([leaves[axis][:, :LEAF_VERTICES] for axis in "xyz"], axis=-1)
         centres = np.stack([patches[axis] for axis in "xyz"], axis=-1)
         places += centres[patch][:, None]
         from_centres = places - centres[used[patch]][:, None]
@@ -460,14 +454,14 @@ def add_six(sums_out, i, b0, b1, b2, b3, b4, b5):
     sums_out[i, 0] += b0
     sums_out[i, 1] += b1
     sums_out[i, 2] += b2
-    sums_out[i, TORQUE] += b3
-    sums_out[i, TORQUE + 1] += b4
-    sums_out[i, TORQUE + 2] += b5
+    sums_out[i, 3] += b3
+    sums_out[i, 4] += b4
+    sums_out[i, 5] += b5
 
 
 @summing_kernel
 def add_wet_nodes(wet, moments, chosen, polynomials, sums_out):
-    """Add the moments of the surely wet nodes to their instances' sums (H, SUMS)."""
+    """Add the moments of the surely wet nodes to their instances' sums (H, 6)."""
     for n in range(wet.size):
         m, i = moments[wet[n].node], wet[n].chosen
         p, at, k = polynomials[i], chosen[i].instance, m.linear
@@ -481,101 +475,85 @@ def add_wet_nodes(wet, moments, chosen, polynomials, sums_out):
 
 
 @inline
-def leaf_heads(c, leaf, heads_out):
-    """Heads (LEAF_VERTICES,) [m] of a leaf's vertices, from a polynomial."""
+def set_leaf_heads(c, leaf, heads_out, terms_out):
+    """Heads [m] of a leaf's vertices, from a polynomial, and the positive ones alone: (LEAF_TERMS,)
+    each. Return the wet share of the leaf, and the triangles whose first, second and third corner
+    is wet, as bits.
+
+    The share is the sum of the positive heads over the sum of all heads' magnitudes. It is 0 for a
+    dry leaf, 1 for a wet one, and continuous in between.
+    """
     q0, q1, q2, q3, q4 = five(c, 0)
     q5, q6, q7, q8, q9 = five(c, 5)
     q10, q11, q12, q13, q14 = five(c, 10)
     q15, q16, q17, q18, q19 = five(c, 15)
-    for v in range(LEAF_VERTICES):
+    share, total = 0.0, 0.0
+    wet_a, wet_b, wet_c, none = word(0), word(0), word(0), word(0)
+    for v in range(LEAF_TERMS):
         x, y, z = leaf.x[v], leaf.y[v], leaf.z[v]
-        heads_out[v] = (
+        head = (
             q0
             + x * (q1 + x * (q4 + x * q10 + y * q11 + z * q12)
                    + y * (q5 + y * q13 + z * q14) + z * (q6 + z * q15))
             + y * (q2 + y * (q7 + y * q16 + z * q17) + z * (q8 + z * q18))
             + z * (q3 + z * (q9 + z * q19))
         )  # fmt: skip
+        is_wet = head > 0.0
+        heads_out[v], terms_out[v] = head, head if is_wet else 0.0
+        share += head if is_wet else 0.0
+        total += abs(head)
+        wet_a = word(wet_a | (leaf.fans[0, v] if is_wet else none))
+        wet_b = word(wet_b | (leaf.fans[1, v] if is_wet else none))
+        wet_c = word(wet_c | (leaf.fans[2, v] if is_wet else none))
+    return share / total, wet_a, wet_b, wet_c
 
 
 @inline
-def add_wet_vertices(heads, leaf, sums_out, at):
-    """Add the sum over a leaf's wet vertices to an instance's sums. Return the wet share of the
-    leaf, and the triangles with a wet vertex and those with a dry vertex, as bits.
+def subtract_dry_parts(crossed, odd_b, odd_c, leaf, triangles, heads, sums_out, at):
+    """Subtract from an instance's sums over wet vertices what the clip removes from the triangles
+    of a leaf that the water cuts.
 
-    The share is the sum of the positive heads over the sum of all heads' magnitudes. It is 0 for a
-    dry leaf, 1 for a wet one, and continuous in between.
+    crossed: these triangles as bits; odd_b, odd_c: those whose only wet or only dry corner is the
+    second or third; heads: of the leaf's vertices.
     """
     b0, b1, b2, b3, b4, b5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    share, total, wet, dry = 0.0, 0.0, 0, 0
-    for v in range(LEAF_VERTICES):
-        fan = leaf.fans[v]
-        is_wet = heads[v] > 0.0
-        wet |= fan if is_wet else 0
-        dry |= 0 if is_wet else fan
-    for v in range(LEAF_VERTICES):  # long enough that the compiler takes four vertices at a time
-        head = heads[v]
-        positive = head if head > 0.0 else 0.0
-        share += positive
-        total += abs(head)
-        b0 += positive * leaf.weights[0, v]
-        b1 += positive * leaf.weights[1, v]
-        b2 += positive * leaf.weights[2, v]
-        b3 += positive * leaf.weights[3, v]
-        b4 += positive * leaf.weights[4, v]
-        b5 += positive * leaf.weights[5, v]
-    add_six(sums_out, at, b0, b1, b2, b3, b4, b5)
-    return share / total, wet, dry
-
-
-@inline
-def add_bends(c, leaf, share, sums_out, at):
-    """Add a share of the polynomial's terms beyond linear heads over a wet leaf to an instance's
-    sums."""
-    xx, xy, xz, yy, yz, zz = bend_at(c, leaf, share)
-    q = leaf.bends
-    for j in range(SUMS):
-        sums_out[at, j] += (
-            xx * q[0, j] + xy * q[1, j] + xz * q[2, j] + yy * q[3, j] + yz * q[4, j] + zz * q[5, j]
-        )
-
-
-@kernel
-def subtract_dry_parts(crossed, leaf, triangles, heads, sums_out, at):
-    """Subtract from an instance's sums over wet vertices what the clip removes from the triangles
-    of a leaf that the water cuts, given as bits. heads: of its vertices."""
     while crossed != 0:
         t = lowest_bit(crossed)
         crossed &= crossed - 1
-        code, row = leaf.triangles[t], triangles[leaf.first + t]
-        turn = CORNER_BITS * odd_corner(code, heads)
-        code, order = code >> turn, CORNERS >> turn
-        i, j, k = corner(order, 0), corner(order, 1), corner(order, 2)
-        wi, wj, wk = dry_weights(
+        i = (odd_b >> t & 1) + 2 * (odd_c >> t & 1)
+        row, code = triangles[leaf.first + t], leaf.triangles[t] >> i * CORNER_BITS
+        u, v, w = dry_weights(
             heads[corner(code, 0)], heads[corner(code, 1)], heads[corner(code, 2)]
         )
-        for n in range(4):
-            sums_out[at, n] -= (wi + wj + wk) * row.area[n]
-        for n in range(4):
-            arms = wi * row.arms[i, n] + wj * row.arms[j, n] + wk * row.arms[k, n]
-            sums_out[at, TORQUE + n] -= arms
+        b0 += (u + v + w) * row.area[0]
+        b1 += (u + v + w) * row.area[1]
+        b2 += (u + v + w) * row.area[2]
+        b3 += u * row.arms[i, 0] + v * row.arms[i + 1, 0] + w * row.arms[i + 2, 0]
+        b4 += u * row.arms[i, 1] + v * row.arms[i + 1, 1] + w * row.arms[i + 2, 1]
+        b5 += u * row.arms[i, 2] + v * row.arms[i + 1, 2] + w * row.arms[i + 2, 2]
+    add_six(sums_out, at, -b0, -b1, -b2, -b3, -b4, -b5)
 
 
 @summing_kernel
 def add_opened_leaves(opened, tree, chosen, polynomials, sums_out):
-    """Add the leaves that the waterline may cross to their instances' sums (H, SUMS): the sums over
-    the wet vertices without what the clip removes, and the polynomial's terms beyond linear heads
-    in proportion to the wet share."""
-    heads = reals(LEAF_VERTICES)
+    """Add the leaves that the waterline may cross to their instances' sums (H, 6): the sums over
+    the wet vertices, the polynomial's terms beyond linear heads in proportion to the wet share, and
+    all that without what the clip removes."""
+    heads, terms, first = reals(LEAF_TERMS), reals(LEAF_TERMS), LEAF_VERTICES
     for n in range(opened.size):
         leaf, i = tree.leaves[opened[n].node], opened[n].chosen
         at, c = chosen[i].instance, polynomials[i].c
-        leaf_heads(c, leaf, heads)
-        share, wet, dry = add_wet_vertices(heads, leaf, sums_out, at)
-        if wet != 0:
-            add_bends(c, leaf, share, sums_out, at)
-        if wet & dry != 0:
-            subtract_dry_parts(wet & dry, leaf, tree.triangles, heads, sums_out, at)
+        share, wet_a, wet_b, wet_c = set_leaf_heads(c, leaf, heads, terms)
+        wet = wet_a | wet_b | wet_c
+        if wet == 0:
+            continue
+        xx, xy, xz, yy, yz, zz = bend_at(c, leaf, share)
+        terms[first], terms[first + 1], terms[first + 2] = xx, xy, xz
+        terms[first + 3], terms[first + 4], terms[first + 5] = yy, yz, zz
+        add_products(terms, 0, LEAF_TERMS, leaf.weights, sums_out, at)
+        crossed = wet & ~(wet_a & wet_b & wet_c)
+        odd_b, odd_c = crossed & ~(wet_a ^ wet_c), crossed & ~(wet_a ^ wet_b)
+        subtract_dry_parts(crossed, odd_b, odd_c, leaf, tree.triangles, heads, sums_out, at)
 
 
 @inline
@@ -679,7 +657,7 @@ def reached_polynomials(tree, sea, instances, positions, rotations, time):
 
 @kernel
 def surface_sums(tree, chosen, polynomials, sums_out):
-    """Add the wet surface of all chosen patches to their instances' sums (H, SUMS)."""
+    """Add the wet surface of all chosen patches to their instances' sums (H, 6)."""
     most = 0
     for i in range(chosen.size):
         most += tree.patches[chosen[i].patch].end - tree.patches[chosen[i].patch].first
@@ -702,16 +680,14 @@ def patches_wrenches(block, instances, positions, rotations, time, wrenches_out)
     tree, sea = tree_of(block), water_of(block)
     chosen, polynomials = reached_polynomials(tree, sea, instances, positions, rotations, time)
     scale = sea.water[0].scale
-    sums, turn, six = np.zeros((instances.size, SUMS)), scratch(9), scratch(6)
+    sums, turn = np.zeros((instances.size, 6)), scratch(9)
     if chosen.size > 0:
         surface_sums(tree, chosen, polynomials, sums)
     for i in range(instances.size):
         rotation = rotations[instances[i].pose]
         for j in range(9):
             turn[j] = scale * rotation[j]
-        for j in range(3):
-            six[j], six[3 + j] = sums[i, j], sums[i, TORQUE + j]
-        write_turned(six, turn, 1.0, wrenches_out[instances[i].row])
+        write_turned(sums[i], turn, 1.0, wrenches_out[instances[i].row])
 
 
 single_polynomials_of = single(polynomials_of)

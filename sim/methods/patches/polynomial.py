@@ -29,13 +29,6 @@ MONOMIALS = LINEAR + BENDING
 QUADRATICS = 6
 """Number of quadratic coefficients."""
 
-SUMS, TORQUE = 8, 4
-"""Number of sums of a wrench: a force, 0, a torque, 0; and the index of the torque. The zeros fill
-vector registers."""
-
-SIX_SUMS = [0, 1, 2, TORQUE, TORQUE + 1, TORQUE + 2]
-"""Indices of the six components of a wrench."""
-
 POLYNOMIAL = record(c=("real", MONOMIALS), bound_2="real", bound_3="real", head="f8", fills="f8")
 """Coefficients of a head in the body frame around a patch's centre, and bounds on its second-order
 terms over the distance squared and its third-order terms over the distance cubed. head [m]: the

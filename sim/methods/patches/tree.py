@@ -25,8 +25,6 @@ from sim.methods.patches.polynomial import (
     LINEAR,
     MONOMIALS,
     QUADRATICS,
-    SIX_SUMS,
-    SUMS,
     local_quadratic,
     monomials,
     moved_monomials,
@@ -37,12 +35,15 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Table = NDArray[np.void]
 
-LEAF_TRIANGLES = LEAF_VERTICES = 24
+LEAF_TERMS = 32
+"""Number of terms in the sums over a leaf: its vertices and its quadratic coefficients. All leaves
+have this size in memory, so that loops over them have a fixed length and vectorise. It is a
+multiple of gerstner.LANES. Smaller leaves make a deeper tree and more leaves on the waterline.
+Larger ones make more opened triangles that the waterline does not touch."""
+
+LEAF_TRIANGLES, LEAF_VERTICES = 31, LEAF_TERMS - QUADRATICS
 """Maximum numbers of triangles and vertices of a leaf. A node that exceeds neither is not divided
-further. Smaller leaves make a deeper tree and more leaves on the waterline. Larger ones make more
-opened triangles that the waterline does not touch. All leaves have this size in memory, so that
-loops over them have a fixed length and vectorise. It is a multiple of gerstner.LANES, at most
-31."""
+further. Triangles are bits of an integer, which may have 32 with its sign."""
 
 SEED_DISTANCE_RADII = 1.5
 """Distance, in patch radii, from all seeds of patches beyond which a triangle becomes a seed
@@ -91,23 +92,24 @@ MOMENTS = record(linear=("f8", (6, LINEAR)), bending=("f4", (6, BENDING)))
 """A node's moments, by group of monomials."""
 
 LEAF = record(
-    x=("real", LEAF_VERTICES), y=("real", LEAF_VERTICES), z=("real", LEAF_VERTICES),
-    weights=("real", (6, LEAF_VERTICES)), bends=("real", (QUADRATICS, SUMS)),
-    fans=("word", LEAF_VERTICES), triangles=("i4", LEAF_TRIANGLES), first="i8",
+    x=("real", LEAF_TERMS), y=("real", LEAF_TERMS), z=("real", LEAF_TERMS),
+    weights=("real", (6, LEAF_TERMS)), fans=("word", (3, LEAF_TERMS)),
+    triangles=("i4", LEAF_TRIANGLES), first="i8",
     middle_x="real", middle_y="real", middle_z="real",
 )  # fmt: skip
 """A leaf.
 
-x, y, z: positions of its vertices relative to the patch's centre [m]; weights: of the vertices, as
-in `linear`, 0 for unused ones; bends: contributions of the quadratic coefficients at the leaf's
-middle, beyond the sum over the vertices, when all of the leaf is wet; fans: the triangles around
-each vertex as bits, 0 for unused ones; triangles: as in `triangle_codes`, 0 for unused ones; first:
-its first TRIANGLE.
+x, y, z: positions of its vertices relative to the patch's centre [m], again from the first one on
+in unused places; weights: of the vertices, as in `linear`, and from LEAF_VERTICES on those of the
+quadratic coefficients at the leaf's middle, which are what these contribute beyond the vertices
+when all of the leaf is wet; fans: the triangles of which each vertex is the first, second or third
+corner, as bits; triangles: as in `triangle_codes`; first: its first TRIANGLE. Weights, fans and
+triangles are 0 in unused places.
 """
 
-TRIANGLE = record(area=("real", 4), arms=("real", (3, 4)))
-"""A triangle: its area vector [m^2], and the cross products [m^3] of its corners, from the hull
-frame's origin, and this vector. Their fourth numbers are 0 and fill vector registers."""
+TRIANGLE = record(area=("real", 3), arms=("real", (5, 3)))
+"""A triangle: its area vector [m^2], and the cross products [m^3] of its corners a, b, c, a, b,
+from the hull frame's origin, and this vector."""
 
 
 class PatchTree(NamedTuple):
@@ -138,16 +140,6 @@ def triangle_codes(corners: Integers) -> Integers:
 def corner(code, i):
     """Corner number i, 0 to 4, of a triangle's code: a, b, c, a, b."""
     return code >> i * CORNER_BITS & CORNER_MASK
-
-
-@inline
-def odd_corner(code, heads):
-    """The number in its triangle, 0 to 2, of the only wet or the only dry corner of a triangle that
-    the water cuts. heads: of its leaf's vertices."""
-    wet_a = heads[corner(code, 0)] > 0.0
-    wet_b = heads[corner(code, 1)] > 0.0
-    wet_c = heads[corner(code, 2)] > 0.0
-    return (wet_b != wet_c) * (1 + (wet_a != wet_c))
 
 
 def build_tree(hull: Hull, radius: float, edge: float, larger: Sequence[float] = ()) -> PatchTree:
@@ -311,8 +303,8 @@ class _Builder:
         """TRIANGLE rows of the triangles in order."""
         found = np.zeros(len(order), TRIANGLE)
         areas = self.area_vectors[order]
-        found["area"][:, :3] = areas
-        found["arms"][:, :, :3] = np.cross(self.corners[order], areas[:, None])
+        found["area"] = areas
+        found["arms"] = np.cross(self.corners[order], areas[:, None])[:, [0, 1, 2, 0, 1]]
         return found
 
     def _leaves(self, order: Integers, spans: Integers, centres: Array) -> tuple[Table, Array]:
@@ -325,12 +317,15 @@ class _Builder:
         keys, corner = np.unique(keys, return_inverse=True)
         leaf_of, number = keys // len(self.points), keys % len(self.points)
         slot = np.arange(len(keys)) - np.searchsorted(leaf_of, np.arange(len(spans)))[leaf_of]
-        places = self._places(leaf_of, slot, self.points[number] - centres[start][leaf_of])
+        relative = self.points[number] - centres[start][leaf_of]
+        counts = np.bincount(leaf_of)
+        again = (np.cumsum(counts) - counts)[:, None] + np.arange(LEAF_TERMS) % counts[:, None]
+        places = relative[again]
         weights = self._weights(order, which, slot[corner.reshape(-1, 3)])
         low = np.full((len(spans), 3), np.inf)
         high = -low
-        np.minimum.at(low, leaf_of, self.points[number] - centres[start][leaf_of])
-        np.maximum.at(high, leaf_of, self.points[number] - centres[start][leaf_of])
+        np.minimum.at(low, leaf_of, relative)
+        np.maximum.at(high, leaf_of, relative)
         middles = 0.5 * (low + high)
         moments = weights @ monomials(places)
         exact = np.zeros((len(spans), 6, 6))
@@ -340,30 +335,23 @@ class _Builder:
         moments[:, :, LINEAR:] += bends @ local_quadratic(middles)
         leaves = np.zeros(len(spans), LEAF)
         leaves["x"], leaves["y"], leaves["z"] = np.moveaxis(places, 2, 0)
+        weights[:, :, LEAF_VERTICES:] = bends
         leaves["weights"] = weights
-        leaves["bends"][:, :, SIX_SUMS] = np.swapaxes(bends, 1, 2)
         leaves["middle_x"], leaves["middle_y"], leaves["middle_z"] = middles.T
         corners, at = slot[corner.reshape(-1, 3)], (which, np.arange(len(order)) - start[which])
         leaves["triangles"][at] = triangle_codes(corners)
         bits = np.int64(1) << at[1]
-        np.bitwise_or.at(leaves["fans"], (which[:, None], corners), bits[:, None])
+        np.bitwise_or.at(leaves["fans"], (which[:, None], np.arange(3), corners), bits[:, None])
         leaves["first"] = start
         return leaves, moments
 
-    def _places(self, leaf_of: Integers, slot: Integers, found: Array) -> Array:
-        """Positions (L, LEAF_VERTICES, 3) of the leaves' vertices. Unused ones repeat the first."""
-        places = np.repeat(found[slot == 0][:, None], LEAF_VERTICES, axis=1)
-        places[leaf_of, slot] = found
-        return places
-
     def _weights(self, order: Integers, which: Integers, slots: Integers) -> Array:
-        """Weights (L, 6, LEAF_VERTICES) of the leaves' vertices. slots: of the triangles'
-        corners."""
+        """Weights (L, 6, LEAF_TERMS) of the leaves' vertices. slots: of the triangles' corners."""
         shares = corner_shares(self.corners[order], self.area_vectors[order]).reshape(-1, 6)
-        at = (which[:, None] * LEAF_VERTICES + slots).ravel()
-        room = (int(which.max()) + 1) * LEAF_VERTICES
+        at = (which[:, None] * LEAF_TERMS + slots).ravel()
+        room = (int(which.max()) + 1) * LEAF_TERMS
         sums = np.stack([np.bincount(at, part, room) for part in shares.T])
-        return np.ascontiguousarray(sums.reshape(6, -1, LEAF_VERTICES).transpose(1, 0, 2), float)
+        return np.ascontiguousarray(sums.reshape(6, -1, LEAF_TERMS).transpose(1, 0, 2), float)
 
     def _pieces(self, chosen: Integers, level: int) -> list[_Piece]:
         """Patches of a level and, after each, the patches of lower levels in it. A patch that lower
