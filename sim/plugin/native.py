@@ -200,14 +200,13 @@ class State(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What resistance is computed from: a context, in a table of one row, with its tables, the
-    addresses of model and data, the state's frames, and CARRIED rows of the links."""
+    """What resistance is computed from: a context, in a table of one row, the addresses of model
+    and data, and CARRIED rows of the links. It is small, because each call of a kernel copies
+    it."""
 
     contexts: NDArray[np.void]
-    tables: Tables
     model: int
     data: int
-    state: State
     carried: NDArray[np.void]
 
 
@@ -221,8 +220,9 @@ def block_at(address, size):
     return bytes_at(address, (size,))
 
 
-@kernel
+@inline
 def tables_of(context):
+    """The tables of a context. Those that the caller does not use are not read."""
     block = block_at(context.block, context.block_size)
     return Tables(
         table(block, 0, FLOAT), table(block, 1, BODY), table(block, 2, LINK),
@@ -232,8 +232,9 @@ def tables_of(context):
     )  # fmt: skip
 
 
-@kernel
+@inline
 def state_of(context, data):
+    """The frames of a state."""
     layout, bodies, geoms = context.layout, context.bodies, context.geoms
     return State(
         floats_at(model_array(data, layout.xipos), (bodies, 3)),
@@ -249,13 +250,22 @@ def model_array(model, offset):
     return word_at(model + offset)
 
 
-@kernel
+@inline
 def step_of(address, model, data, carried):
     """The Step of a call; carried: address of its CARRIED rows."""
-    context = context_at(address)
-    tables, state = tables_of(context), state_of(context, data)
-    rows = rows_at(carried, tables.links.size, CARRIED)
-    return Step(rows_at(address, 1, CONTEXT), tables, model, data, state, rows)
+    count = tables_of(context_at(address)).links.size
+    rows = rows_at(carried, count, CARRIED)
+    return Step(rows_at(address, 1, CONTEXT), model, data, rows)
+
+
+@inline
+def tables_in(step):
+    return tables_of(step.contexts[0])
+
+
+@inline
+def state_in(step):
+    return state_of(step.contexts[0], step.data)
 
 
 # The content number: a hash of all data that hulls and waves are made from
@@ -331,7 +341,7 @@ def content_of(context, model):
 # The work of a step
 
 
-@kernel
+@inline
 def add_up(tables, state, wrenches, totals_out):
     """For each body, sum the wrenches (H, 6) of its hulls about its centre of mass: totals_out (B,
     6)."""
@@ -452,7 +462,7 @@ def arm_from(point, place):
 @kernel
 def start_carrying(step):
     """Set the CARRIED rows of the links: their rates, and no inertia."""
-    context, data, links = step.contexts[0], step.data, step.tables.links
+    context, data, links = step.contexts[0], step.data, tables_in(step).links
     n = context.freedoms
     changes = floats_at(model_array(data, context.layout.cdof_dot), (n, 6))
     speeds = floats_at(model_array(data, context.layout.qvel), (n,))
@@ -481,7 +491,7 @@ def set_motion(step, body, pose, reaction_out):
 def react(step, body, pose, number, reaction_out):
     """Compute the REACTION of the HULL with a number, in its own frame: all water loads besides
     buoyancy. Returns the rate [1/s] at which the hull loses angular momentum."""
-    layout, tables = step.contexts[0].layout, step.tables
+    layout, tables = step.contexts[0].layout, tables_in(step)
     timestep = float_at(step.model + layout.timestep)
     is_rk4 = integer_at(step.model + layout.integrator) == RK4
     ahead = 0.0 if is_rk4 else 0.5 * timestep
@@ -560,8 +570,8 @@ def add_inertias(step):
 
     Source: Featherstone 2008, section 6.2, the composite-rigid-body algorithm.
     """
-    context, model, links, momentum = step.contexts[0], step.model, step.tables.links, scratch(6)
-    layout, n = context.layout, context.freedoms
+    context, model, links = step.contexts[0], step.model, tables_in(step).links
+    layout, n, momentum = context.layout, context.freedoms, scratch(6)
     axes = floats_at(model_array(step.data, layout.cdof), (n, 6))
     lengths = integers_at(model_array(model, layout.M_rownnz), (n,))
     starts = integers_at(model_array(model, layout.M_rowadr), (n,))
@@ -623,7 +633,7 @@ def resist(address, model, data, wrenches, totals, states, carried):
     """See `resist_at`. carried: a CARRIED row for each LINK."""
     step = step_of(address, model, data, carried.ctypes.data)
     start_carrying(step)
-    context, tables, state = step.contexts[0], step.tables, step.state
+    context, tables, state = step.contexts[0], tables_in(step), state_in(step)
     lifts = floats_at(wrenches, (context.hulls, 6))
     found = floats_at(totals, (tables.bodies.size, 6))
     only_drag = states == 0

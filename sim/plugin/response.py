@@ -26,7 +26,9 @@ from sim.plugin.native import (
     block_at,
     model_array,
     set_motion,
+    state_in,
     step_of,
+    tables_in,
     twist_at,
 )
 from sim.resistance.diffraction import ANGLE, SCATTERED, add_diffraction
@@ -152,7 +154,7 @@ def add_water_velocity(fit, weight, hull_pose, pose, water_out):
 def wetness(step, tables, body, response, pose, lift, flow, reaction_out):
     """The share with which a body's response acts, and its rate [1/s]. Set the velocity of the
     water in its REACTION: 0 unless the response is relative to it."""
-    r, state = reaction_out[0], step.state
+    r, state = reaction_out[0], state_in(step)
     r.water[:], r.pull[:] = 0.0, 0.0
     is_relative = response.is_relative != 0
     if lift >= response.lift and not is_relative:
@@ -181,7 +183,8 @@ def react(step, tables, response, body, pose, lift, kind, span, memory, reaction
     the memory is advanced."""
     r, layout = reaction[0], step.contexts[0].layout
     timestep = float_at(step.model + layout.timestep)
-    flow = Flow(step.tables.waves, step.tables.water, float_at(step.data + layout.time))
+    sea = tables_in(step)
+    flow = Flow(sea.waves, sea.water, float_at(step.data + layout.time))
     share, rate = wetness(step, tables, body, response, pose, lift, flow, reaction)
     set_motion(step, body, pose, reaction)
     r.drag[:], r.inertia[:], r.matrix[:] = 0.0, 0.0, 0.0
@@ -209,13 +212,13 @@ def react(step, tables, response, body, pose, lift, kind, span, memory, reaction
 def respond(step, tables, number, kind, span, lifts, memory, reaction, totals_out):
     """Add the response with a number to its body's wrench and to what its link carries."""
     response = tables.bodies[number]
-    body, lift = step.tables.bodies[response.body], 0.0
+    body, lift = tables_in(step).bodies[response.body], 0.0
     for f in range(body.first, body.end):
-        lift += lifts[step.tables.floats[f].hull, 2]
+        lift += lifts[tables_in(step).floats[f].hull, 2]
     pose = Pose(scratch(3), scratch(9))
     rest_pose(step, body, response, pose.position, pose.rotation)
     react(step, tables, response, body, pose, lift, kind, span, memory, reaction)
-    centre = step.state.centres[body.body]
+    centre = state_in(step).centres[body.body]
     add_reaction(step, body, pose, centre, reaction, False, totals_out[response.body])
 
 
@@ -237,7 +240,7 @@ def respond_at(address, model, data, wrenches, totals, states, carried):
     step = step_of(address, model, data, carried)
     context, tables = step.contexts[0], responses_of(step.contexts[0])
     lifts = floats_at(wrenches, (context.hulls, 6))
-    found = floats_at(totals, (step.tables.bodies.size, 6))
+    found = floats_at(totals, (tables_in(step).bodies.size, 6))
     memory = floats_at(states + 8 * context.memory_start, (context.memory_size,))
     time = float_at(data + context.layout.time)
     kind, span = kind_of_call(memory, time, float_at(model + context.layout.timestep))
