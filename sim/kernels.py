@@ -316,6 +316,18 @@ def workspace(typingctx, dtype):
     return kind(dtype), codegen
 
 
+@typed_intrinsic(prefer_literal=True)
+def workspaces(typingctx, count, dtype):
+    """A table of a number of rows of a type, not set, on the stack. The compiler knows the
+    number."""
+    kind = types.Array(dtype.dtype, 1, "C")
+
+    def codegen(context, builder, signature, args):
+        return _on_stack(context, builder, kind, (count.literal_value,))
+
+    return kind(count, dtype), codegen
+
+
 def stack_array(is_zero: bool = False, is_single: bool = False) -> Any:
     """Make an intrinsic (shape) -> array of numbers on the stack. The shape, an integer or a tuple,
     is known to the compiler."""

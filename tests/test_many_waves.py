@@ -18,13 +18,13 @@ from sim.methods.patches.fit import (
 )
 from sim.water.gerstner import CHUNK, LABELS, PLAIN_STEPS, SUMS
 from sim.water.head_jets import DECAYED, head_sums
-from sim.water.jets import HIGHER_SUMS
+from sim.water.jets import HIGHER_SUMS, Near
 from sim.water.many_waves import (
     MANY_WAVES,
     TILE,
+    find_many_near,
     many_head_sums,
     many_jet_sums,
-    many_near_particles,
     many_wave_sums,
 )
 from sim.water.samples import sample_places
@@ -80,7 +80,8 @@ def test_particles_near_points_are_above_and_below_them():
     """After four steps their labels and heights are those of the surface at the points."""
     sea, rng = waves_of(60), np.random.default_rng(5)
     x, y = rng.uniform(-90.0, 90.0, (2, COUNT))
-    near = many_near_particles(x, y, sea.components, 3.0, 4)
+    near = Near(*np.empty((3, len(x))))
+    find_many_near(x, y, sea.components, 3.0, 4, near)
     np.testing.assert_allclose(near.height, sea.elevation(x, y, 3.0), atol=1e-5)
 
 

@@ -383,22 +383,19 @@ def many_head_sums(count, waves, time, labels, sums_out, higher_out, decayed_out
 
 
 @kernel
-def many_near_particles(x, y, waves, time, steps):
-    """Particles Near the points x, y: (N,) [m], as `jets.near_particles` finds them, after fewer
-    than PLAIN_STEPS steps."""
-    rows = np.empty((3, x.size))
-    near = Near(rows[0], rows[1], rows[2])
+def find_many_near(x, y, waves, time, steps, near_out):
+    """Find the particles Near the points x, y: (N,) [m], as `jets.find_near` does, after fewer than
+    PLAIN_STEPS steps."""
     labels, nearer, sums = workspace(LABELS), workspace(LABELS), workspace(SUMS)
     for start in range(0, x.size, CHUNK):
         end = min(start + CHUNK, x.size)
-        px, py = x[start:end], y[start:end]
+        px, py, heights = x[start:end], y[start:end], near_out.height[start:end]
         set_labels(px, py, labels)
         for _ in range(max(steps, 1)):
             many_wave_sums(px.size, waves, time, labels, sums)
-            newton_labels(px, py, labels, sums, near.height[start:end], nearer)
+            newton_labels(px, py, labels, sums, heights, nearer)
             take_labels(px.size, nearer, labels)
-        keep_labels(labels, near.label_x[start:end], near.label_y[start:end])
-    return near
+        keep_labels(labels, near_out.label_x[start:end], near_out.label_y[start:end])
 
 
 @kernel
@@ -456,7 +453,9 @@ def solve_many_heads(x, y, above, waves, time, steps, heads_out):
     """Heads (N,) [m] of decaying pressure at the points x, y with heights `above` the level, all
     (N,) [m], after fewer than PLAIN_STEPS Newton steps. Above the surface, a height with the right
     sign."""
-    near = many_near_particles(x, y, waves, time, steps)
+    rows = np.empty((3, x.size))
+    near = Near(rows[0], rows[1], rows[2])
+    find_many_near(x, y, waves, time, steps, near)
     factors, phases = workspace(FACTORS), workspace(PHASES)
     for i in range(x.size):
         heads_out[i] = near.height[i] - above[i]

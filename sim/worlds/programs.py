@@ -16,7 +16,7 @@ import numpy as np
 import warp as wp
 
 from sim.methods.linear import FACE, SHAPE, VERTEX
-from sim.methods.patches.patches import SOLVE
+from sim.methods.patches.patches import SOLVE, add_nodes
 from sim.methods.patches.polynomial import MONOMIALS, POLYNOMIAL
 from sim.methods.patches.tree import LEAF, MOMENTS, NODE, PATCH, TRIANGLE
 from sim.resistance.elements import ELEMENTS, SURFACE
@@ -393,12 +393,13 @@ def _add_patches(kernels: SimpleNamespace, kernel: Any) -> None:
             Code::{views["MOMENTS"]}{{($MOMENTS*)moments.data, 1, 1}},
             Code::{views["LEAF"]}{{($LEAF*)leaves.data, 1, 1}},
             Code::{views["TRIANGLE"]}{{($TRIANGLE*)triangles.data, 1, 1}}}};
-          $nodes(first, end, patch, tree, p, sums);
+          const float radius = (($PATCH*)patches.data)[patch].radius;
+          $nodes(first, end, radius, tree, p, 0, sums);
         }}
         for (int k = 0; k < 6; k++) out.data[(piece * 6 + k) * worlds + world] = sums[k];
         """,
         nodes=(
-            threads.add_nodes, "int", "int", "int", tree, records["POLYNOMIAL"],
+            add_nodes, "int", "int", "real", tree, records["POLYNOMIAL"], "int",
             Fixed("real", (1, 6)),
         ),
     )  # fmt: skip

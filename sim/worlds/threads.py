@@ -18,13 +18,8 @@ from sim.methods.linear import (
     subtract_dry_parts,
     write_turned,
 )
-from sim.methods.patches.patches import (
-    CHOSEN,
-    FOUND,
-    add_opened_leaves,
-    add_wet_nodes,
-)
-from sim.methods.patches.polynomial import decayed_polynomials, head_and_slope, head_polynomials
+from sim.methods.patches.patches import CHOSEN
+from sim.methods.patches.polynomial import decayed_polynomials, head_polynomials
 from sim.plugin.native import twist_at
 from sim.resistance.elements import Pose
 from sim.resistance.probes import Flow, probe_water
@@ -88,31 +83,6 @@ def patch_polynomial(patch, solve, waves, sea, level, rotations, polynomial_out)
         solve_jets(x, y, particle, waves, 0.0, residual, squeeze, jets)
         head_polynomials(jets, above, chosen, rotations, polynomial_out)
     return True
-
-
-def add_nodes(first, end, patch_number, tree, polynomial, sums_out):
-    """Add the wet surface of some nodes of a patch to the sums (1, 6), as in `patches.walk`."""
-    chosen, wet, opened = np.empty(1, CHOSEN), np.empty(1, FOUND), np.empty(1, FOUND)
-    c, w, o, p = chosen[0], wet[0], opened[0], polynomial[0]
-    c.patch, c.instance, c.pose, w.chosen, o.chosen = patch_number, 0, 0, 0, 0
-    bend = p.bound_2 + (3.0 * 1.1 + 2.1) * tree.patches[patch_number].radius * p.bound_3
-    node = first
-    while node < end:
-        box = tree.nodes[node]
-        u, v, h = box.half_x, box.half_y, box.half_z
-        value, gx, gy, gz = head_and_slope(p.c, box.x, box.y, box.z)
-        slack = abs(gx) * u + abs(gy) * v + abs(gz) * h + bend * (u * u + v * v + h * h)
-        if value <= -slack:
-            node = box.after
-        elif value >= slack:
-            w.node = node
-            add_wet_nodes(wet, tree.moments, chosen, polynomial, sums_out)
-            node = box.after
-        else:
-            if box.leaf >= 0:
-                o.node = box.leaf
-                add_opened_leaves(opened, tree, chosen, polynomial, sums_out)
-            node += 1
 
 
 def vertex_head(vertex, shape, waves, sea, level, rise, rotation):

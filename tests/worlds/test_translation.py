@@ -219,12 +219,14 @@ def patch_cases(rng, rotation) -> dict[str, Call]:
     positions = np.array([[0.1, 0.2, 0.05]])
     chosen, found = method._polynomials(positions, rotation.reshape(1, 9), 0.7)
     found = found.astype(polynomial.POLYNOMIAL)
-    wet, opened = np.empty((2, 1000), patches.FOUND)
-    counts = patches.walk(whole, chosen, found, wet, opened)
-    wet, opened = wet[: counts[0]], opened[: counts[1]]
-    sums, chosen, polynomials = np.zeros((1, 8)), rows(chosen), rows(found)
-    assert len(opened) > 10
-    assert len(wet) > 10
+    nearest, deepest = np.abs(found["head"]).argsort()[:3], found["head"].argmax()
+    nodes = {}
+    for i in (*nearest, deepest):
+        patch = whole.patches[chosen["patch"][i]]
+        nodes[f"nodes of patch {i}"] = Call(
+            patches.add_nodes, int(patch["first"]), int(patch["end"]), float(patch["radius"]),
+            tables, rows(found[i : i + 1]), 0, np.zeros((1, 6)),
+        )  # fmt: skip
     n, rotations = 5, np.array([rotation])
     each = np.zeros(n, patches.CHOSEN)
     head_jet, jet = np.zeros(1, head_jets.HEAD_JETS), np.zeros(n, jets.JET)
@@ -240,12 +242,7 @@ def patch_cases(rng, rotation) -> dict[str, Call]:
             polynomial.decayed_polynomials, rows(head_jet), rows(each), rotations, out
         ),
         "head and slope": Call(polynomial.head_and_slope, rng.normal(size=20), 0.1, 0.2, -0.3),
-        "wet nodes": Call(
-            patches.add_wet_nodes, rows(wet), tables.moments, chosen, polynomials, sums
-        ),
-        "opened leaves": Call(
-            patches.add_opened_leaves, rows(opened), tables, chosen, polynomials, sums
-        ),
+        **nodes,
     }  # fmt: skip
 
 

@@ -53,6 +53,8 @@ from sim.kernels import (
     scratch,
     summing_kernel,
     table,
+    workspace,
+    workspaces,
 )
 from sim.methods.linear import write_turned
 from sim.methods.method import Compiled, Part, Settings
@@ -88,16 +90,17 @@ from sim.precision import IS_SINGLE, reals, single, word
 from sim.water.gerstner import (
     CHUNK,
     PLAIN_STEPS,
+    ROW,
     WATER,
     WAVE,
     growth,
     level_and_rise,
 )
 from sim.water.head_jets import HEAD_JETS, solve_head_jets
-from sim.water.jets import JET, Near, near_particles, solve_jets
+from sim.water.jets import JET, Near, find_near, solve_jets
 from sim.water.many_waves import (
     MANY_WAVES,
-    many_near_particles,
+    find_many_near,
     solve_many_head_jets,
     solve_many_jets,
 )
@@ -133,8 +136,9 @@ matter only above, with their `rise` (see `gerstner.WAVE`)."""
 CHOSEN = record(patch="i8", instance="i8", pose="i8")
 """A patch that the water could reach, its instance and its pose."""
 
-FOUND = record(node="i8", chosen="i8")
-"""Result of a walk: a wet node or the leaf of an opened one, and the number of its chosen patch."""
+PLACES = record(x=ROW, y=ROW, above=ROW, label_x=ROW, label_y=ROW, height=ROW)
+"""Workspace: a chunk's centres of patches, x and y in the world and heights above the level [m],
+and the particles near them, as in `jets.Near`."""
 
 
 class Water(NamedTuple):
@@ -145,14 +149,6 @@ class Water(NamedTuple):
     water: Table
     solve: Table
     levels: Table
-
-
-class Points(NamedTuple):
-    """Centres of patches: x and y in the world, and heights above the level, (N,) [m]."""
-
-    x: Array
-    y: Array
-    above: Array
 
 
 class Patches(Compiled):
@@ -359,32 +355,39 @@ def most_patches(instances):
 
 
 @kernel
-def patches_below_crests(
-    tree, instances, run, number, sea, time, positions, rotations, points_out, chosen_out
+def next_patches(
+    tree, instances, run, number, sea, time, positions, rotations, places_out, chosen_out
 ):
-    """Find the patches of a level of a run of instances that the highest crest could reach, and in
-    which no larger patch may be used: their centres and their CHOSEN rows. Return their number.
+    """Find up to CHUNK patches of a level of a run of instances that the highest crest could reach,
+    and in which no larger patch may be used: their PLACES and their CHOSEN rows.
 
-    run: the first instance and the end of the run, which share a tree; number: of the level.
+    run: the instance and the patch to begin with and the end of the run, which share a tree;
+    number: of the level. Return the number of patches, and the instance and the patch to go on
+    with.
     """
     level, _ = level_and_rise(sea.water[0], time)
-    crest, count = sea.water[0].amplitude, 0
-    for i in range(run[0], run[1]):
-        p, end, pose = instances[i].first, instances[i].end, instances[i].pose
+    crest, places, count = sea.water[0].amplitude, places_out[0], 0
+    first, p, last = run
+    for i in range(first, last):
+        end, pose = instances[i].end, instances[i].pose
+        if i > first:
+            p = instances[i].first
         position, rotation = positions[pose], rotations[pose]
         while p < end:
+            if count == CHUNK:
+                return count, i, p
             patch = tree.patches[p]
             x, y, z = placed(patch.x, patch.y, patch.z, position, rotation)
             if patch.level > 0 and z - level > -sea.levels[instances[i].level + patch.level].depth:
                 p += 1
                 continue
-            points_out.x[count], points_out.y[count], points_out.above[count] = x, y, z - level
+            places.x[count], places.y[count], places.above[count] = x, y, z - level
             chosen = chosen_out[count]
             chosen.patch, chosen.instance, chosen.pose = p, i, pose
             is_reached = not z - level > crest + patch.radius
             count += is_reached and patch.level == number
             p = patch.after
-    return count
+    return count, last, p
 
 
 @inline
@@ -394,42 +397,6 @@ def end_of_tree(start, instances):
     while end < instances.size and instances[end].level == level:
         end += 1
     return end
-
-
-@kernel
-def walk(tree, chosen, polynomials, wet_out, opened_out):
-    """Walk the trees of the chosen patches. Find the surely wet nodes and the leaves that the
-    waterline may cross, both as FOUND, and return how many of each."""
-    wet_count, opened_count = 0, 0
-    for i in range(chosen.size):
-        p, patch = polynomials[i], tree.patches[chosen[i].patch]
-        if patch.level > 0:  # far below the surface
-            wet_out[wet_count].node, wet_out[wet_count].chosen = patch.first, i
-            wet_count += 1
-            continue
-        # The box around points in a ball has its middle at most 1.1 radii from the ball's centre,
-        # and so at most 2.1 radii from any point. Around that middle the cubic contributes
-        # 3 C(middle, u, u) + C(u, u, u).
-        bend = p.bound_2 + (3.0 * 1.1 + 2.1) * patch.radius * p.bound_3
-        node, end = patch.first, patch.end
-        while node < end:
-            box = tree.nodes[node]
-            u, v, w = box.half_x, box.half_y, box.half_z
-            value, gx, gy, gz = head_and_slope(p.c, box.x, box.y, box.z)
-            slack = abs(gx) * u + abs(gy) * v + abs(gz) * w + bend * (u * u + v * v + w * w)
-            if value <= -slack:
-                node = box.after
-            elif value >= slack:
-                wet_out[wet_count].node, wet_out[wet_count].chosen = node, i
-                wet_count += 1
-                node = box.after
-            else:
-                if box.leaf >= 0:
-                    opened = opened_out[opened_count]
-                    opened.node, opened.chosen = box.leaf, i
-                    opened_count += 1
-                node += 1
-    return wet_count, opened_count
 
 
 @inline
@@ -459,19 +426,16 @@ def add_six(sums_out, i, b0, b1, b2, b3, b4, b5):
     sums_out[i, 5] += b5
 
 
-@summing_kernel
-def add_wet_nodes(wet, moments, chosen, polynomials, sums_out):
-    """Add the moments of the surely wet nodes to their instances' sums (H, 6)."""
-    for n in range(wet.size):
-        m, i = moments[wet[n].node], wet[n].chosen
-        p, at, k = polynomials[i], chosen[i].instance, m.linear
-        rest = p.head - p.c[0]  # what the first coefficient lost in single precision
-        add_six(
-            sums_out, at, rest * k[0, 0], rest * k[1, 0], rest * k[2, 0], rest * k[3, 0],
-            rest * k[4, 0], rest * k[5, 0],
-        )  # fmt: skip
-        add_products(p.c, 0, LINEAR, k, sums_out, at)
-        add_products(p.c, LINEAR, BENDING, m.bending, sums_out, at)
+@inline
+def add_wet_node(moments, p, sums_out, at):
+    """Add the MOMENTS of a surely wet node, times a POLYNOMIAL, to an instance's sums."""
+    rest, k = p.head - p.c[0], moments.linear  # what the first coefficient lost in single precision
+    add_six(
+        sums_out, at, rest * k[0, 0], rest * k[1, 0], rest * k[2, 0], rest * k[3, 0],
+        rest * k[4, 0], rest * k[5, 0],
+    )  # fmt: skip
+    add_products(p.c, 0, LINEAR, k, sums_out, at)
+    add_products(p.c, LINEAR, BENDING, moments.bending, sums_out, at)
 
 
 @inline
@@ -534,79 +498,101 @@ def subtract_dry_parts(crossed, odd_b, odd_c, leaf, triangles, heads, sums_out, 
     add_six(sums_out, at, -b0, -b1, -b2, -b3, -b4, -b5)
 
 
-@summing_kernel
-def add_opened_leaves(opened, tree, chosen, polynomials, sums_out):
-    """Add the leaves that the waterline may cross to their instances' sums (H, 6): the sums over
-    the wet vertices, the polynomial's terms beyond linear heads in proportion to the wet share, and
-    all that without what the clip removes."""
-    heads, terms, first = reals(LEAF_TERMS), reals(LEAF_TERMS), LEAF_VERTICES
-    for n in range(opened.size):
-        leaf, i = tree.leaves[opened[n].node], opened[n].chosen
-        at, c = chosen[i].instance, polynomials[i].c
-        share, wet_a, wet_b, wet_c = set_leaf_heads(c, leaf, heads, terms)
-        wet = wet_a | wet_b | wet_c
-        if wet == 0:
-            continue
+@inline
+def add_opened_leaf(leaf, triangles, c, heads, terms, sums_out, at):
+    """Add a leaf that the waterline may cross to an instance's sums: the sums over the wet
+    vertices, the polynomial's terms beyond linear heads in proportion to the wet share, and all
+    that without what the clip removes. heads, terms: workspaces (LEAF_TERMS,)."""
+    share, wet_a, wet_b, wet_c = set_leaf_heads(c, leaf, heads, terms)
+    wet, first = wet_a | wet_b | wet_c, LEAF_VERTICES
+    if wet != 0:
         xx, xy, xz, yy, yz, zz = bend_at(c, leaf, share)
         terms[first], terms[first + 1], terms[first + 2] = xx, xy, xz
         terms[first + 3], terms[first + 4], terms[first + 5] = yy, yz, zz
         add_products(terms, 0, LEAF_TERMS, leaf.weights, sums_out, at)
         crossed = wet & ~(wet_a & wet_b & wet_c)
         odd_b, odd_c = crossed & ~(wet_a ^ wet_c), crossed & ~(wet_a ^ wet_b)
-        subtract_dry_parts(crossed, odd_b, odd_c, leaf, tree.triangles, heads, sums_out, at)
+        subtract_dry_parts(crossed, odd_b, odd_c, leaf, triangles, heads, sums_out, at)
 
 
-@inline
-def first_points(points, count):
-    """The first `count` points."""
-    return Points(points.x[:count], points.y[:count], points.above[:count])
-
-
-@inline
-def first_particles(near, count):
-    """The first `count` particles."""
-    return Near(near.label_x[:count], near.label_y[:count], near.height[:count])
+@summing_kernel
+def add_nodes(first, end, radius, tree, polynomial, at, sums_out):
+    """Add the wet surface of some nodes of a patch of a radius [m] to the sums (H, 6) of instance
+    number `at`. A node that is surely dry adds nothing, and one that is surely wet adds its
+    moments. Other nodes are opened, and leaves that the waterline may cross are cut. polynomial:
+    POLYNOMIAL of the patch, in a table of one row."""
+    heads, terms, p, node = reals(LEAF_TERMS), reals(LEAF_TERMS), polynomial[0], first
+    # The box around points in a ball has its middle at most 1.1 radii from the ball's centre, and
+    # so at most 2.1 radii from any point. Around that middle the cubic contributes
+    # 3 C(middle, u, u) + C(u, u, u).
+    bend = p.bound_2 + (3.0 * 1.1 + 2.1) * radius * p.bound_3
+    while node < end:
+        box = tree.nodes[node]
+        u, v, w = box.half_x, box.half_y, box.half_z
+        value, gx, gy, gz = head_and_slope(p.c, box.x, box.y, box.z)
+        slack = abs(gx) * u + abs(gy) * v + abs(gz) * w + bend * (u * u + v * v + w * w)
+        if value <= -slack:
+            node = box.after
+        elif value >= slack:
+            add_wet_node(tree.moments[node], p, sums_out, at)
+            node = box.after
+        else:
+            if box.leaf >= 0:
+                leaf = tree.leaves[box.leaf]
+                add_opened_leaf(leaf, tree.triangles, p.c, heads, terms, sums_out, at)
+            node += 1
 
 
 @kernel
-def keep_reached(patches, reach, points_out, near_out, chosen_out):
-    """Move the patches that the water can reach to the front, with their Points and the particles
-    Near them. Return their number."""
-    points, near, kept = points_out, near_out, 0
-    for i in range(chosen_out.size):
+def keep_reached(count, patches, reach, places_out, chosen_out):
+    """Move those of the first `count` patches that the water can reach to the front, with their
+    PLACES. Return their number."""
+    places, kept = places_out[0], 0
+    for i in range(count):
         radius = patches[chosen_out[i].patch].radius
-        points.x[kept], points.y[kept] = points.x[i], points.y[i]
-        points.above[kept] = points.above[i]
-        near.label_x[kept], near.label_y[kept] = near.label_x[i], near.label_y[i]
-        near.height[kept] = near.height[i]
+        places.x[kept], places.y[kept] = places.x[i], places.y[i]
+        places.above[kept], places.height[kept] = places.above[i], places.height[i]
+        places.label_x[kept], places.label_y[kept] = places.label_x[i], places.label_y[i]
         chosen_out[kept] = chosen_out[i]
-        kept += not points.above[i] - near.height[i] > reach * radius
+        kept += not places.above[i] - places.height[i] > reach * radius
     return kept
 
 
-@kernel
-def particles_near(points, waves, time, solve):
-    """The particles Near points, from fitted waves."""
-    if IS_SINGLE and waves.size >= MANY_WAVES:
-        return many_near_particles(points.x, points.y, waves, time, solve.steps)
-    return near_particles(points.x, points.y, waves, time, solve.steps, solve.residual)
-
-
 @inline
-def set_polynomials(sea, waves, points, near, time, chosen, rotations, polynomials_out):
-    """Polynomials (N,) of the heads around the chosen patches' centres, from fitted waves."""
-    x, y, above, solve = points.x, points.y, points.above, sea.solve[0]
-    tolerance, squeeze = solve.residual, solve.squeeze
-    if sea.water[0].decays and waves.size > 0:
-        jets = np.empty(-(-x.size // CHUNK), HEAD_JETS)
-        if IS_SINGLE and waves.size >= MANY_WAVES:
-            solve_many_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets)
-        else:
-            solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, jets)
-        decayed_polynomials(jets, chosen, rotations, polynomials_out)
+def near_in(places, count):
+    """The particles Near the first `count` PLACES."""
+    return Near(places.label_x[:count], places.label_y[:count], places.height[:count])
+
+
+@kernel
+def find_particles(count, waves, time, solve, places_out):
+    """Find the particles near the first `count` PLACES, from fitted waves."""
+    places = places_out[0]
+    x, y, near = places.x[:count], places.y[:count], near_in(places, count)
+    if IS_SINGLE and waves.size >= MANY_WAVES:
+        find_many_near(x, y, waves, time, solve.steps, near)
     else:
-        jets = np.empty(x.size, JET)
-        if IS_SINGLE and waves.size >= MANY_WAVES:
+        find_near(x, y, waves, time, solve.steps, solve.residual, near)
+
+
+@kernel
+def set_polynomials(sea, waves, found, time, chosen, rotations, polynomials_out):
+    """Polynomials (N,) of the heads around the chosen patches' centres, whose PLACES were found,
+    from fitted waves."""
+    places, solve = found[0], sea.solve[0]
+    x, y, above = places.x[: chosen.size], places.y[: chosen.size], places.above[: chosen.size]
+    near, tolerance, squeeze = near_in(places, chosen.size), solve.residual, solve.squeeze
+    is_many = IS_SINGLE and waves.size >= MANY_WAVES
+    if sea.water[0].decays and waves.size > 0:
+        head_jets = workspace(HEAD_JETS)
+        if is_many:
+            solve_many_head_jets(x, y, above, near, waves, time, tolerance, squeeze, head_jets)
+        else:
+            solve_head_jets(x, y, above, near, waves, time, tolerance, squeeze, head_jets)
+        decayed_polynomials(head_jets, chosen, rotations, polynomials_out)
+    else:
+        jets = workspaces(CHUNK, JET)[: chosen.size]
+        if is_many:
             solve_many_jets(x, y, near, waves, time, tolerance, squeeze, jets)
         else:
             solve_jets(x, y, near, waves, time, tolerance, squeeze, jets)
@@ -622,67 +608,70 @@ def sink_heads(level, time, polynomials_out):
         polynomials_out[i].c[0] = polynomials_out[i].head
 
 
-@inline
-def reached_polynomials(tree, sea, instances, positions, rotations, time):
-    """The CHOSEN patches that the water could reach, and the POLYNOMIAL of the head over each."""
-    most, solve = most_patches(instances) + 1, sea.solve[0]
-    rows = np.empty((3, most))
-    points = Points(rows[0], rows[1], rows[2])
-    chosen, polynomials = np.empty(most, CHOSEN), np.empty(most, POLYNOMIAL)
-    start, count = 0, 0
+@kernel
+def reached_polynomials(
+    tree, sea, instances, positions, rotations, time, chosen_out, polynomials_out
+):
+    """Find the CHOSEN patches that the water could reach, and the POLYNOMIAL of the head over each.
+    Return their number."""
+    places, solve, start, count = workspace(PLACES), sea.solve[0], 0, 0
     while start < instances.size:
         end = end_of_tree(start, instances)
         for number in range(instances[start].levels):
             level = sea.levels[instances[start].level + number]
             waves = sea.waves[level.first : level.end]
-            found = patches_below_crests(
-                tree, instances, (start, end), number, sea, time, positions, rotations, points,
-                chosen[count:],
-            )  # fmt: skip
-            run = first_points(points, found)
-            near = particles_near(run, waves, time, solve)
-            to = slice(count, count + found)
-            kept = keep_reached(tree.patches, solve.reach, run, near, chosen[to])
-            to = slice(count, count + kept)
-            set_polynomials(
-                sea, waves, first_points(run, kept), first_particles(near, kept), time, chosen[to],
-                rotations, polynomials[to],
-            )  # fmt: skip
-            if level.sunk > 0.0:
-                sink_heads(level, time, polynomials[to])
-            count += kept
+            i, p = start, instances[start].first
+            while i < end:
+                chosen = chosen_out[count:]
+                found, i, p = next_patches(
+                    tree, instances, (i, p, end), number, sea, time, positions, rotations, places,
+                    chosen,
+                )  # fmt: skip
+                find_particles(found, waves, time, solve, places)
+                kept = keep_reached(found, tree.patches, solve.reach, places, chosen)
+                to = polynomials_out[count : count + kept]
+                set_polynomials(sea, waves, places, time, chosen[:kept], rotations, to)
+                if level.sunk > 0.0:
+                    sink_heads(level, time, to)
+                count += kept
         start = end
-    return chosen[:count], polynomials[:count]
+    return count
 
 
-@kernel
-def surface_sums(tree, chosen, polynomials, sums_out):
-    """Add the wet surface of all chosen patches to their instances' sums (H, 6)."""
-    most = 0
+@summing_kernel
+def add_surface(tree, chosen, polynomials, sums_out):
+    """Add the wet surface of the chosen patches to their instances' sums (H, 6)."""
     for i in range(chosen.size):
-        most += tree.patches[chosen[i].patch].end - tree.patches[chosen[i].patch].first
-    wet, opened = np.empty(most, FOUND), np.empty(most, FOUND)
-    wet_count, count = walk(tree, chosen, polynomials, wet, opened)
-    add_wet_nodes(wet[:wet_count], tree.moments, chosen, polynomials, sums_out)
-    add_opened_leaves(opened[:count], tree, chosen, polynomials, sums_out)
+        patch, at = tree.patches[chosen[i].patch], chosen[i].instance
+        if patch.level > 0:  # far below the surface
+            add_wet_node(tree.moments[patch.first], polynomials[i], sums_out, at)
+        else:
+            own = polynomials[i : i + 1]
+            add_nodes(patch.first, patch.end, patch.radius, tree, own, at, sums_out)
 
 
 @kernel
 def polynomials_of(block, instances, positions, rotations, time):
     """`reached_polynomials` of a block."""
-    tree, sea = tree_of(block), water_of(block)
-    return reached_polynomials(tree, sea, instances, positions, rotations, time)
+    tree, sea, most = tree_of(block), water_of(block), most_patches(instances) + 1
+    chosen, polynomials = np.empty(most, CHOSEN), np.empty(most, POLYNOMIAL)
+    count = reached_polynomials(
+        tree, sea, instances, positions, rotations, time, chosen, polynomials
+    )
+    return chosen[:count], polynomials[:count]
 
 
 @kernel
 def patches_wrenches(block, instances, positions, rotations, time, wrenches_out):
     """See `Compiled`."""
-    tree, sea = tree_of(block), water_of(block)
-    chosen, polynomials = reached_polynomials(tree, sea, instances, positions, rotations, time)
+    tree, sea, most = tree_of(block), water_of(block), most_patches(instances) + 1
+    chosen, polynomials = np.empty(most, CHOSEN), np.empty(most, POLYNOMIAL)
     scale = sea.water[0].scale
     sums, turn = np.zeros((instances.size, 6)), scratch(9)
-    if chosen.size > 0:
-        surface_sums(tree, chosen, polynomials, sums)
+    count = reached_polynomials(
+        tree, sea, instances, positions, rotations, time, chosen, polynomials
+    )
+    add_surface(tree, chosen[:count], polynomials, sums)
     for i in range(instances.size):
         rotation = rotations[instances[i].pose]
         for j in range(9):

@@ -265,16 +265,13 @@ def scatter(jets, work, polynomials_out):
 
 @kernel
 def decayed_polynomials(jets, chosen, rotations, polynomials_out):
-    """Polynomials (N,) of the heads around the chosen patches' centres, from HEAD_JETS, one for
-    each CHUNK of them."""
+    """Polynomials (N,) of the heads around up to CHUNK chosen patches' centres, from their
+    HEAD_JETS."""
     work = workspace(TURNING)
-    for chunk in range(jets.size):
-        start, end = chunk * CHUNK, min((chunk + 1) * CHUNK, chosen.size)
-        filled = -(-(end - start) // LANES) * LANES
-        gather_turns(filled, chosen[start:end], rotations, work)
-        own = jets[chunk : chunk + 1]
-        turn_jets(filled, own, work)
-        scatter(own, work, polynomials_out[start:end])
+    filled = -(-chosen.size // LANES) * LANES
+    gather_turns(filled, chosen, rotations, work)
+    turn_jets(filled, jets, work)
+    scatter(jets, work, polynomials_out)
 
 
 @inline
