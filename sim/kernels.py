@@ -316,7 +316,7 @@ def workspace(typingctx, dtype):
     return kind(dtype), codegen
 
 
-@typed_intrinsic(prefer_literal=True)
+@intrinsic(prefer_literal=True)
 def workspaces(typingctx, count, dtype):
     """A table of a number of rows of a type, not set, on the stack. The compiler knows the
     number."""

@@ -429,12 +429,16 @@ def add_six(sums_out, i, b0, b1, b2, b3, b4, b5):
 @inline
 def add_wet_node(moments, p, sums_out, at):
     """Add the MOMENTS of a surely wet node, times a POLYNOMIAL, to an instance's sums."""
-    rest, k = p.head - p.c[0], moments.linear  # what the first coefficient lost in single precision
+    h, x, y, z, k = p.head, p.c[1], p.c[2], p.c[3], moments.linear
     add_six(
-        sums_out, at, rest * k[0, 0], rest * k[1, 0], rest * k[2, 0], rest * k[3, 0],
-        rest * k[4, 0], rest * k[5, 0],
+        sums_out, at,
+        h * k[0, 0] + x * k[0, 1] + y * k[0, 2] + z * k[0, 3],
+        h * k[1, 0] + x * k[1, 1] + y * k[1, 2] + z * k[1, 3],
+        h * k[2, 0] + x * k[2, 1] + y * k[2, 2] + z * k[2, 3],
+        h * k[3, 0] + x * k[3, 1] + y * k[3, 2] + z * k[3, 3],
+        h * k[4, 0] + x * k[4, 1] + y * k[4, 2] + z * k[4, 3],
+        h * k[5, 0] + x * k[5, 1] + y * k[5, 2] + z * k[5, 3],
     )  # fmt: skip
-    add_products(p.c, 0, LINEAR, k, sums_out, at)
     add_products(p.c, LINEAR, BENDING, moments.bending, sums_out, at)
 
 
@@ -549,12 +553,14 @@ def keep_reached(count, patches, reach, places_out, chosen_out):
     PLACES. Return their number."""
     places, kept = places_out[0], 0
     for i in range(count):
-        radius = patches[chosen_out[i].patch].radius
-        places.x[kept], places.y[kept] = places.x[i], places.y[i]
-        places.above[kept], places.height[kept] = places.above[i], places.height[i]
-        places.label_x[kept], places.label_y[kept] = places.label_x[i], places.label_y[i]
-        chosen_out[kept] = chosen_out[i]
-        kept += not places.above[i] - places.height[i] > reach * radius
+        if places.above[i] - places.height[i] > reach * patches[chosen_out[i].patch].radius:
+            continue
+        if kept < i:
+            places.x[kept], places.y[kept] = places.x[i], places.y[i]
+            places.above[kept], places.height[kept] = places.above[i], places.height[i]
+            places.label_x[kept], places.label_y[kept] = places.label_x[i], places.label_y[i]
+            chosen_out[kept] = chosen_out[i]
+        kept += 1
     return kept
 
 
@@ -630,7 +636,8 @@ def reached_polynomials(
                 find_particles(found, waves, time, solve, places)
                 kept = keep_reached(found, tree.patches, solve.reach, places, chosen)
                 to = polynomials_out[count : count + kept]
-                set_polynomials(sea, waves, places, time, chosen[:kept], rotations, to)
+                if kept > 0:
+                    set_polynomials(sea, waves, places, time, chosen[:kept], rotations, to)
                 if level.sunk > 0.0:
                     sink_heads(level, time, to)
                 count += kept
@@ -665,7 +672,9 @@ def polynomials_of(block, instances, positions, rotations, time):
 def patches_wrenches(block, instances, positions, rotations, time, wrenches_out):
     """See `Compiled`."""
     tree, sea, most = tree_of(block), water_of(block), most_patches(instances) + 1
-    chosen, polynomials = np.empty(most, CHOSEN), np.empty(most, POLYNOMIAL)
+    chosen, polynomials = workspaces(CHUNK, CHOSEN), workspaces(CHUNK, POLYNOMIAL)
+    if most > CHUNK:
+        chosen, polynomials = np.empty(most, CHOSEN), np.empty(most, POLYNOMIAL)
     scale = sea.water[0].scale
     sums, turn = np.zeros((instances.size, 6)), scratch(9)
     count = reached_polynomials(

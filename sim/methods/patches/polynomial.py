@@ -230,13 +230,17 @@ def set_cubic(w, i, jet):
 
 @kernel
 def gather_turns(count, chosen, rotations, work):
-    """Copy the rotations of the poses of up to `count` patches into a TURNING, and repeat the first
-    one in the places that are left."""
-    w = work[0]
-    for i in range(count):
-        r = rotations[chosen[i if i < chosen.size else 0].pose]
-        for j in range(9):
-            w.turns[j, i] = r[j]
+    """Copy the rotations of the poses of the chosen patches, at least one, into the first `count`
+    places of a TURNING, and repeat the first one in those that are left."""
+    w, first = work[0], chosen[0].pose
+    for j in range(9):
+        for i in range(count):
+            w.turns[j, i] = rotations[first, j]
+    if chosen[chosen.size - 1].pose != first:  # patches of several hulls, which follow each other
+        for i in range(chosen.size):
+            r = rotations[chosen[i].pose]
+            for j in range(9):
+                w.turns[j, i] = r[j]
 
 
 @kernel
@@ -265,8 +269,8 @@ def scatter(jets, work, polynomials_out):
 
 @kernel
 def decayed_polynomials(jets, chosen, rotations, polynomials_out):
-    """Polynomials (N,) of the heads around up to CHUNK chosen patches' centres, from their
-    HEAD_JETS."""
+    """Polynomials (N,) of the heads around the chosen patches' centres, from one to CHUNK of them,
+    from their HEAD_JETS."""
     work = workspace(TURNING)
     filled = -(-chosen.size // LANES) * LANES
     gather_turns(filled, chosen, rotations, work)
