@@ -11,6 +11,7 @@ from independent import (
     clip,
     load_mesh,
     meshes,
+    quadrature_wrench,
     random_poses,
     random_rotation,
     relative_error,
@@ -28,6 +29,8 @@ from sim.methods.patches.fit import (
     jet_waves,
     surface_errors,
 )
+from sim.methods.patches.patches import add_nodes
+from sim.methods.patches.polynomial import MONOMIALS, POLYNOMIAL
 from sim.methods.patches.tree import build_tree
 from sim.water.samples import sample_places
 
@@ -294,6 +297,47 @@ def test_dry_and_deep_hulls():
     truth = Reference(hull, sea).wrench([0.3, 0.2, -50.0], rotation, 1.0)
     assert relative_error(deep, truth, hull) < 1e-5
     assert np.isnan(method.wrench([0.0, 0.0, np.nan], np.eye(3), 0.0)).any()
+
+
+def sums_of(method: Patches, polynomial: np.ndarray, patch: np.void, bound: float) -> np.ndarray:
+    """Sums (6,) over a patch, of force and torque over - density * gravity, from a polynomial whose
+    bound decides which nodes are opened."""
+    polynomial["bound_2"], sums = bound, np.zeros((1, 6))
+    add_nodes(patch["first"], patch["end"], patch["radius"], method.tree, polynomial, 0, sums)
+    return sums[0]
+
+
+NOTHING_OPENED, ALL_OPENED = 0.0, 1e9
+
+MOMENTS_ROUND_OFF = 1e-6  # moments of second and third order are in single precision
+
+
+def test_an_opened_wet_leaf_adds_what_its_moments_do():
+    hull, rng = Hull.from_trimesh(load_mesh("bunny")), np.random.default_rng(3)
+    method, polynomial = Patches(hull, three_waves()), np.zeros(1, POLYNOMIAL)
+    for patch in method.tree.patches[::6]:
+        polynomial["c"] = rng.normal(size=MONOMIALS)
+        polynomial["c"][0, 0] = polynomial["head"] = 3.0  # everything is wet
+        whole = sums_of(method, polynomial, patch, NOTHING_OPENED)
+        parts = sums_of(method, polynomial, patch, ALL_OPENED)
+        assert np.abs(parts - whole).max() < MOMENTS_ROUND_OFF * np.abs(whole).max()
+
+
+@pytest.mark.parametrize("bound", [NOTHING_OPENED, ALL_OPENED])
+def test_a_linear_head_is_cut_exactly(bound):
+    hull, rng = Hull.from_trimesh(load_mesh("bunny")), np.random.default_rng(4)
+    method, polynomial = Patches(hull, three_waves()), np.zeros(1, POLYNOMIAL)
+    for slope in random_rotation(rng):
+        found = np.zeros(6)
+        for patch in method.tree.patches:
+            centre = np.array([patch["x"], patch["y"], patch["z"]])
+            polynomial["c"][0, 1:4] = slope
+            polynomial["c"][0, 0] = polynomial["head"] = (centre - hull.centroid) @ slope
+            found += sums_of(method, polynomial, patch, bound)
+        heads = (hull.vertices - hull.centroid) @ slope
+        wet = clip(hull.vertices[hull.faces], heads[hull.faces])
+        expected = quadrature_wrench(*wet, np.zeros(3)) / (-DENSITY * GRAVITY)
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=ROUND_OFF * hull.volume)
 
 
 @pytest.mark.parametrize("step", [1e-5, 1e-6])
