@@ -46,8 +46,10 @@ Array = NDArray[np.float64]
 MANY_WAVES = 24
 """Number of waves from which this is faster."""
 
-TILE = 64
-"""Number of waves whose factors are in the first-level cache together."""
+TILE = 200
+"""Number of waves whose factors are in the first-level cache together. Each tile adds its sums up
+across the lanes once for every point, so a few large ones are faster than many small ones. It is
+not a power of two (see `gerstner.CHUNK`)."""
 
 WIDTH = 8
 """Tiles are filled up to a multiple of this number of waves, which fill a vector register."""
