@@ -381,11 +381,11 @@ def next_patches(
             if patch.level > 0 and z - level > -sea.levels[instances[i].level + patch.level].depth:
                 p += 1
                 continue
-            places.x[count], places.y[count], places.above[count] = x, y, z - level
-            chosen = chosen_out[count]
-            chosen.patch, chosen.instance, chosen.pose = p, i, pose
-            is_reached = not z - level > crest + patch.radius
-            count += is_reached and patch.level == number
+            if patch.level == number and not z - level > crest + patch.radius:
+                places.x[count], places.y[count], places.above[count] = x, y, z - level
+                chosen = chosen_out[count]
+                chosen.patch, chosen.instance, chosen.pose = p, i, pose
+                count += 1
             p = patch.after
     return count, last, p
 
