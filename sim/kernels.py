@@ -10,8 +10,8 @@ Conventions of all kernels:
   view of an array is reference-counted, so loops with branches index arrays instead.
 - Output arguments come last and end in `_out`. A kernel named `add_...` or `subtract_...` adds to
   the values that it finds there.
-- A kernel neither counts references to arrays nor makes any, unless a name in MAKERS shows that it
-  or a function that it calls does. So it must not return an array that it was given.
+- A kernel counts references to arrays only if it makes one, or a function that it calls does; names
+  in MAKERS show that. No kernel returns an array that it was given.
 - A workspace is a table with one row, whose fields are arrays. `workspace` and `scratch` make
   memory on the stack, which lasts until the kernel returns and costs nothing. `np.empty` asks the
   system for memory, and is for sizes that are known only in a call. A row does not keep a table of

@@ -134,11 +134,30 @@ def single_decay(x):
 
 
 @kernel
-def set_factors(waves, time, factors_out):
-    """Set the FACTORS of a tile of waves at a time. Return their number, filled up to WIDTH with
-    waves without height."""
+def set_label_factors(waves, time, factors_out):
+    """Set those FACTORS of a tile of waves at a time that SUMS take. Return their number, filled up
+    to WIDTH with waves without height."""
     q = factors_out[0]
     filled = -(-waves.size // WIDTH) * WIDTH
+    for w in range(filled):
+        wave = waves[min(w, waves.size - 1)]
+        part = growth(wave, time) if w < waves.size else 0.0
+        a, ka, dx, dy = (
+            part * wave.amplitude, part * wave.ka, wave.direction_x, wave.direction_y
+        )  # fmt: skip
+        wide_x, wide_y = wave.stretch * dx, wave.stretch * dy
+        q.turns_x[w], q.turns_y[w] = wave.turns_x, wave.turns_y
+        q.turns[w] = wave.turns - wave.frequency * time
+        q.x[w], q.y[w], q.z[w], q.z_x[w], q.z_y[w] = wide_x * a, wide_y * a, a, dx * ka, dy * ka
+        q.x_x[w], q.x_y[w], q.y_y[w] = wide_x * dx * ka, wide_x * dy * ka, wide_y * dy * ka
+    return filled
+
+
+@kernel
+def set_factors(waves, time, factors_out):
+    """Set all FACTORS of a tile of waves at a time. Return their number, as `set_label_factors`
+    does."""
+    q, filled = factors_out[0], set_label_factors(waves, time, factors_out)
     q.feel_bed = 0
     for w in range(filled):
         wave = waves[min(w, waves.size - 1)]
@@ -149,10 +168,6 @@ def set_factors(waves, time, factors_out):
         k, dx, dy = wave.wavenumber, wave.direction_x, wave.direction_y
         wide_x, wide_y, xx, xy, yy = wave.stretch * dx, wave.stretch * dy, dx * dx, dx * dy, dy * dy
         second = 0.5 * ka * ka * wave.stretch
-        q.turns_x[w], q.turns_y[w] = wave.turns_x, wave.turns_y
-        q.turns[w] = wave.turns - wave.frequency * time
-        q.x[w], q.y[w], q.z[w], q.z_x[w], q.z_y[w] = wide_x * a, wide_y * a, a, dx * ka, dy * ka
-        q.x_x[w], q.x_y[w], q.y_y[w] = wide_x * dx * ka, wide_x * dy * ka, wide_y * dy * ka
         q.z_xx[w], q.z_xy[w], q.z_yy[w] = xx * kka, xy * kka, yy * kka
         q.x_xx[w], q.x_xy[w] = wide_x * xx * kka, wide_y * xx * kka
         q.x_yy[w], q.y_yy[w] = wide_x * yy * kka, wide_y * yy * kka
@@ -342,7 +357,7 @@ def many_wave_sums(count, waves, time, labels, sums_out):
     factors, phases, at = workspace(FACTORS), workspace(PHASES), labels[0]
     clear_sums(sums_out[0], count)
     for first in range(0, waves.size, TILE):
-        tile = set_factors(waves[first : min(first + TILE, waves.size)], time, factors)
+        tile = set_label_factors(waves[first : min(first + TILE, waves.size)], time, factors)
         for i in range(count):
             set_phases(tile, factors, at.x[i], at.y[i], phases)
             add_label_sums(tile, factors, phases, i, sums_out)
