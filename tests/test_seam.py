@@ -2,6 +2,7 @@
 
 import copy
 import gc
+import os
 import pickle
 import runpy
 import subprocess
@@ -304,7 +305,7 @@ cycle.itself, cycle.data = cycle, mujoco.MjData(compiled)
 def test_a_process_may_begin_with_a_faulty_model_and_end_before_its_states():
     done = subprocess.run(
         [sys.executable, "-c", FIRST_AND_LAST], cwd=REPOSITORY / "tests", capture_output=True,
-        text=True, timeout=120,
+        text=True, timeout=120, env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "nothing floats" in done.stderr or done.stderr == ""
