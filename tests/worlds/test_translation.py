@@ -220,6 +220,9 @@ def patch_cases(rng, rotation) -> dict[str, Call]:
     chosen, found = method._polynomials(positions, rotation.reshape(1, 9), 0.7)
     found = found.astype(polynomial.POLYNOMIAL)
     nearest, deepest = np.abs(found["head"]).argsort()[:3], found["head"].argmax()
+    cut, radii = found["head"][nearest], whole.patches["radius"][chosen["patch"]]
+    assert (np.abs(cut) < 0.5 * radii[nearest]).all()  # so their leaves are opened
+    assert found["head"][deepest] > radii[deepest]  # so its nodes are wet
     nodes = {}
     for i in (*nearest, deepest):
         patch = whole.patches[chosen["patch"][i]]
