@@ -358,7 +358,7 @@ mujoco.mj_step(model, mujoco.MjData(model))
 
 def compile_in_two() -> bool:
     """Let a second process compile half of the kernels, if none is compiled yet. A first run
-    then takes a quarter less time on two cores. Returns whether it started."""
+    is then faster on two cores. Returns whether it started."""
     from sim.kernels import kept_kernels
 
     if (os.cpu_count() or 1) < 2 or kept_kernels():

@@ -18,7 +18,7 @@ from sim.geometry import cross
 from sim.kernels import inline, kernel, scratch
 
 TWELFTH = 1.0 / 12.0
-"""A product with it takes a third of the time of a division."""
+"""A factor, because a multiplication is faster than a division."""
 
 
 @kernel

@@ -43,7 +43,8 @@ Larger ones make more opened triangles that the waterline does not touch."""
 
 LEAF_TRIANGLES, LEAF_VERTICES = 31, LEAF_TERMS - QUADRATICS
 """Maximum numbers of triangles and vertices of a leaf. A node that exceeds neither is not divided
-further. Triangles are bits of an integer, which may have 32 with its sign."""
+further. Sets of triangles are the bits of an integer, which has 31 besides its sign in single
+precision."""
 
 SEED_DISTANCE_RADII = 1.5
 """Distance, in patch radii, from all seeds of patches beyond which a triangle becomes a seed
